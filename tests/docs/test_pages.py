@@ -1,7 +1,8 @@
-"""The documentation is short, current, complete, and in the field's words."""
+"""The documentation is current and complete; its pictures are not older than what they show."""
 
 import os
 import re
+import runpy
 import shlex
 import subprocess
 import sys
@@ -9,6 +10,7 @@ from pathlib import Path
 
 import pytest
 import typer
+from PIL import Image
 
 from tuner.cli import app
 
@@ -63,3 +65,15 @@ def test_the_site_builds_without_a_warning(tmp_path):
     environment = {**os.environ, "NO_MKDOCS_2_WARNING": "1"}
     found = subprocess.run(build, cwd=ROOT, env=environment, capture_output=True, text=True)
     assert found.returncode == 0, found.stdout + found.stderr
+
+
+SCREENSHOTS = runpy.run_path(str(ROOT / "docs" / "make_screenshots.py"))
+
+
+@pytest.mark.parametrize("name", SCREENSHOTS["MADE_FROM"])
+def test_pictures_show_what_is_there(name: str) -> None:
+    with Image.open(ROOT / "docs" / "images" / f"{name}.png") as picture:
+        held = picture.info.get(SCREENSHOTS["DIGEST"])
+    assert held == SCREENSHOTS["digest"](name), (
+        "run python docs/make_screenshots.py and look at the pictures; or, where it does not show, with --same"
+    )

@@ -18,21 +18,13 @@ OWN_WORDS = {
 
 
 def test_files_are_read_at_one_boundary() -> None:
-    parsers = {
-        "json.load",
-        "json.loads",
-        "yaml.load",
-        "yaml.safe_load",
-        "np.load",
-        "pickle.load",
-        "pickle.loads",
-    }
+    loads = "json.load json.loads yaml.load yaml.safe_load np.load pickle.load pickle.loads"
     found = []
     for path in (p for package in ("nbv", "tuner") for p in (ROOT / package).rglob("*.py")):
         name = path.relative_to(ROOT).as_posix()
         if not any(name.startswith(own) for own in OWN_WORDS):
             calls = (n for n in ast.walk(ast.parse(path.read_text())) if isinstance(n, ast.Call))
-            found += [f"{name}:{c.lineno}" for c in calls if ast.unparse(c.func) in parsers]
+            found += [f"{name}:{c.lineno}" for c in calls if ast.unparse(c.func) in loads.split()]
     assert found == [], "nbv.safe_files limits the size of a file and the kinds of values in it"
 
 

@@ -1,17 +1,25 @@
+"""The Python API: jobs, stable names, missions as a function, and what is refused before anything runs."""
+
 import csv
 import importlib
 import inspect
+import math
 import re
 from pathlib import Path
 from typing import Any
 
 import pytest
+from in_process import InProcessExecutor
 
 import tuner
+from nbv.config import load_conditions, preset, under
 from nbv.errors import UserError
+from nbv.geometric import run_geometric_mission
+from nbv.mission import MissionResult
 from tuner.answer.answer import ANSWER_FILE, answer_of
 from tuner.campaign.begin import begin_campaign
 from tuner.campaign.settings_file import merged_settings, resolved_settings
+from tuner.comparison.plan import EvaluationPlan, run_evaluation
 from tuner.export.table import write_missions
 
 API = Path(__file__).resolve().parents[2] / "docs" / "reference" / "api.md"
@@ -52,9 +60,7 @@ def rows(source: Any, path: Path) -> list[dict[str, str]]:
         return list(csv.DictReader(file))
 
 
-def test_a_campaign_becomes_a_table_and_a_callback_hears_of_every_mission(
-    campaign: tuner.Campaign, tmp_path: Path
-) -> None:
+def test_a_campaign_becomes_a_table_and_a_callback_hears_of_every_mission(campaign, tmp_path):
     table, trials = rows(campaign, tmp_path / "missions.csv"), campaign.trials()
     assert [trial.raw for trial in trials] == EVENTS
     assert [float(row["value"]) for row in table] == [trial.raw for trial in trials]
@@ -77,21 +83,6 @@ def test_another_objective_does_not_keep_the_constraint(tmp_path: Path) -> None:
         tuner.tune(begun.directory, objective="photographs")
     other = merged_settings(tmp_path / "campaign.yaml", {"objective": "seconds"}, quick=False)
     assert str(resolved_settings(other, "test").goal) == "seconds"
-
-
-@pytest.mark.parametrize(
-    ("wrong", "says"),
-    [
-        ({"budget": 0}, "at least 1"),
-        ({"rocks": "slab"}, "it must be a list"),
-        ({"rocks": [1]}, "rocks is 1; it must be a text"),
-        ({"bugdet": 4}, "'budget'"),
-    ],
-)
-def test_a_wrong_argument_is_one_clear_error(wrong: dict[str, Any], says: str, tmp_path: Path) -> None:
-    with pytest.raises(UserError, match=says):
-        tuner.tune(tmp_path / "c", **wrong)
-    assert not (tmp_path / "c").exists()
 
 
 def test_evaluation_and_reproduction(campaign: tuner.Campaign, tmp_path: Path) -> None:
@@ -119,3 +110,86 @@ def test_a_campaign_with_compare_on_ends_in_its_comparison(tmp_path: Path) -> No
     assert (tmp_path / "c" / ANSWER_FILE).is_file() and (tmp_path / "c" / "report.html").is_file()
     with pytest.raises(UserError, match="slab is tuned on and compared on"):
         tuner.tune(tmp_path / "d", **{**asked, "compare_on": ["slab"]})
+
+
+EXAMPLES = dict(re.findall(r'```python title="(\w+)"\n(.*?)```', API.read_text(), re.DOTALL))
+SHORT = {"overrides": {"photographs": 26}}
+
+
+def test_it_is_the_mean_of_the_missions():
+    f = tuner.objective("gate_and_weights", ["slab", "boulder"], replicates=2, **SHORT)
+    config = f.settings.problem.config(f.default)
+    missions = [run_geometric_mission(config, rock, k) for rock in ("slab", "boulder") for k in (0, 1)]
+    mean = sum(m.metric(f.settings.objective.metric) for m in missions) / 4
+    assert f({}) == f(f.default) == pytest.approx(mean, abs=1e-9)
+    assert f([f.default[name] for name in f.names]) == pytest.approx(mean, abs=1e-9)
+
+
+def test_bounds_and_names_are_those_of_the_space():
+    f = tuner.objective("plan_and_gate", ["slab"])
+    parameters = f.settings.space.parameters
+    for p, name, (low, high), ax in zip(parameters, f.names, f.bounds, f.ax_parameters(), strict=True):
+        assert name == p.path == ax["name"] and name in f.optuna_distributions()
+        if p.kind == "categorical":
+            assert (low, high) == (0, len(p.choices) - 1) and ax["values"] == list(p.choices)
+            assert f._by_path([b[1] for b in f.bounds])[name] == p.choices[-1]
+        else:
+            assert (low, high) == (p.low, p.high) and ax["bounds"] == [p.low, p.high]
+
+
+def test_a_failed_mission_and_a_mistake(monkeypatch):
+    def fails(config, rock, replicate, directory):
+        return MissionResult("failed", "seeds", "", config.digest(), rock, replicate, {}, [], {}, {})
+
+    monkeypatch.setattr("tuner.comparison.objective.kind_on", lambda rock, fidelity: fails)
+    assert math.isnan(tuner.objective("gate", ["slab"])({}))
+    f = tuner.objective("gate", ["slab"], failed=-1.0)
+    assert f({}) == -1.0
+    with pytest.raises(UserError, match=r"'gate\.d96_m' is not in the search space; it has gate"):
+        f({"gate.d96_m": 1.0})
+    with pytest.raises(UserError, match="there are 2 parameters"):
+        f([1.0])
+    with pytest.raises(UserError, match=r"would not keep the limit on costs\.images; make a function"):
+        tuner.objective("photographs", ["slab"], objective="f_score@photographs<=20")
+    plan = tuner.objective("plan_and_gate", ["slab"])
+    many = len(plan.names)
+    for wrong in ([math.nan] * many, [99.0] * many, {"seeds": 10**9}, {"seeds": "x"}):
+        with pytest.raises(UserError, match=r"outside of the search space: "):
+            plan(wrong)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("title", EXAMPLES)
+def test_the_page_s_examples_run(title, capsys):
+    exec(compile(EXAMPLES[title], title, "exec"), {})
+    assert capsys.readouterr().out
+
+
+HIGH = {"flight.min_camera_altitude_m": 1.6}  # above an orbit at 10°
+
+
+@pytest.mark.parametrize(
+    ("asked", "named"),
+    [
+        ({"space": "gate", "overrides": HIGH}, "strategy orbit cannot run"),
+        ({"space": "plan_and_gate", "overrides": HIGH}, "strategy orbit cannot run"),
+        ({"space": "gate", "overrides": {"photographs": 20}}, "seeds is 24, more than the 20 photographs"),
+        ({"space": "gate", "compare_on": ["nowhere"]}, "unknown rock 'nowhere'"),
+        ({"space": "gate", "fidelity": "photographs", "compare_on": []}, "cannot run on slab"),
+    ],
+)
+def test_a_campaign_whose_comparison_cannot_run(tmp_path: Path, asked: dict[str, Any], named: str) -> None:
+    settings = {"rocks": ["slab"], "compare_on": ["arch"], "fidelity": "geometric", "budget": 3, **asked}
+    with pytest.raises(UserError, match=named):
+        tuner.tune(tmp_path / "run", workers=1, **settings)
+    assert not (tmp_path / "run").exists()
+
+
+def test_an_evaluation_with_a_strategy_that_cannot_run(tmp_path: Path) -> None:
+    indoors, harsh = load_conditions(["indoors", "harsh"])
+    base = preset("campaign")
+    strategies = {"hyb-h": base, "elsewhere": under(base, harsh)}
+    plan = EvaluationPlan(strategies, ("slab",), fidelity="geometric", conditions=(indoors,))
+    with pytest.raises(UserError, match="strategy elsewhere cannot run under indoors"):
+        run_evaluation(plan, tmp_path / "out", InProcessExecutor())
+    assert not (tmp_path / "out").exists()

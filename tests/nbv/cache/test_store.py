@@ -32,17 +32,6 @@ def test_a_damaged_entry_is_noticed_and_can_be_made_anew(tmp_path, damage):
     assert store.get("pairs", "cd34") is not None
 
 
-@pytest.mark.parametrize("name", ["", ".", "..", "../photos", "a/b", "a\\b", "/etc", "A", "a b"])
-def test_names_that_could_leave_the_store_are_refused(tmp_path, name):
-    store = Store(tmp_path / "store")
-    for kind, key in ((name, "ab12"), ("photos", name)):
-        with pytest.raises(ValueError, match="cannot name an entry"):
-            store.put(kind, key, {"i": np.zeros(1)})
-        with pytest.raises(ValueError, match="cannot name an entry"):
-            store.get(kind, key)
-    assert list(tmp_path.rglob("*")) == []
-
-
 def test_prune_drops_the_least_recently_used(tmp_path):
     store = Store(tmp_path)
     for index in range(4):
@@ -84,18 +73,6 @@ def test_an_unwritable_store_costs_the_entry_not_the_result(tmp_path):
     store = Store(blocked / "store")
     store.put("photos", "ab", {"i": np.zeros(3)})
     assert not (blocked / "store").exists()
-
-
-def test_a_full_store_in_which_nothing_can_be_removed_costs_the_entry_alone(tmp_path, monkeypatch):
-    store = Store(tmp_path, max_bytes=0)
-
-    def refuses(*_, **__):
-        raise PermissionError
-
-    monkeypatch.setattr(Path, "unlink", refuses)
-    store.put("photos", "ab", {"i": np.zeros(3)})
-    with pytest.raises(PermissionError):
-        store.prune(0)
 
 
 def test_prune_removes_what_killed_processes_left(tmp_path):

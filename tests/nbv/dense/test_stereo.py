@@ -1,4 +1,4 @@
-"""Depth of single views against the closed form."""
+"""Depth of single views, their agreement and their fusion, against closed forms and rules written out."""
 
 import cv2
 import numpy as np
@@ -6,11 +6,16 @@ import pytest
 from scene_helpers import around
 
 from nbv.config import CameraConfig, DenseConfig
+from nbv.dense import fusion
+from nbv.dense.fusion import fuse
 from nbv.dense.stereo import (
     SEARCH_MARGIN_M,
     PosedViews,
     backproject,
+    check_consistency,
+    depth_normals,
     estimate_depth,
+    pixel_matrix,
     sgbm_depth_maps,
 )
 from nbv.geometry.frames import camera_centers_m, look_at
@@ -129,3 +134,136 @@ def test_depth_has_no_systematic_offset(scene):
         error = (item - scene.depths[name])[middle]
         assert np.isfinite(error).mean() > 0.9
         assert abs(np.nanmedian(error)) < 0.003, name
+
+
+TINY = CameraConfig(width_px=32, height_px=24, focal_px=40.0)
+AGREE = DenseConfig(
+    agreeing_views=2, consistency_views=3, consistency_relative_depth=0.05, consistency_px=0.35
+)
+MIDDLE = np.array([0.0, 0.0, 0.8])
+
+
+def one_pixel(name, row, column, depths, poses):
+    """Depths along the pixel's ray in which the views agree, the view's own first."""
+    matrix, inverse = pixel_matrix(TINY), np.linalg.inv(pixel_matrix(TINY))
+    depth = float(depths[name][row, column])
+    world = np.linalg.inv(poses[name]) @ np.append(inverse @ [column, row, 1.0] * depth, 1.0)
+    agreed = [depth]
+    for other in depths:
+        if other == name:
+            continue
+        seen = (poses[other] @ world)[:3]
+        if seen[2] <= 0:
+            continue
+        x, y = (matrix @ seen)[:2] / seen[2]
+        j, i = round(x), round(y)
+        if not (0 <= i < TINY.height_px and 0 <= j < TINY.width_px):
+            continue
+        measured = float(depths[other][i, j])
+        if not abs(measured - seen[2]) < AGREE.consistency_relative_depth * seen[2]:
+            continue
+        back = (poses[name] @ np.linalg.inv(poses[other]) @ np.append(seen * measured / seen[2], 1.0))[:3]
+        x, y = (matrix @ back)[:2] / back[2]
+        if (x - column) ** 2 + (y - row) ** 2 < AGREE.consistency_px**2:
+            agreed.append(float(back[2]))
+    return agreed
+
+
+def test_every_pixel_follows_the_rule():
+    """A wall seen from four sides, with noise and holes; some source views see only a part of a view."""
+    rng = np.random.default_rng(3)
+    poses, depths = {}, {}
+    for k, (x, y) in enumerate([(0.0, -3.0), (0.4, -3.0), (-0.5, -2.8), (0.9, -2.2)]):
+        name = f"v{k}"
+        aim = MIDDLE + np.array([0.5 * (k == 3), 0.0, 0.0])
+        poses[name] = look_at(np.array([x, y, 0.9]), aim)
+        rays = (
+            np.stack([*np.meshgrid(np.arange(32), np.arange(24)), np.ones((24, 32))], axis=-1)
+            @ np.linalg.inv(pixel_matrix(TINY)).T
+        )
+        forward = rays @ poses[name][:3, :3]
+        depth = -y / forward[..., 1]  # of the plane y = 0
+        depth *= 1 + 0.03 * rng.standard_normal(depth.shape)
+        depth[rng.random(depth.shape) < 0.15] = np.nan
+        depths[name] = depth.astype(np.float32)
+    checked = check_consistency(depths, PosedViews({}, poses, TINY, MIDDLE, AGREE))
+    wrong = total = kept = 0
+    for name, depth in depths.items():
+        for row, column in np.argwhere(np.isfinite(depth)):
+            agreed = one_pixel(name, row, column, depths, poses)
+            got = checked[name]
+            total += 1
+            kept += len(agreed) >= AGREE.agreeing_views
+            expected = np.mean(agreed) if len(agreed) >= AGREE.agreeing_views else np.nan
+            wrong += not np.isclose(got[row, column], expected, rtol=1e-5, equal_nan=True)
+        assert np.isnan(checked[name][~np.isfinite(depth)]).all()
+    assert 0.3 * total < kept < 0.99 * total
+    assert wrong <= 0.002 * total  # a projection half-way between two pixels may round either way
+
+
+SMALL = CameraConfig(width_px=64, height_px=48, focal_px=60.0)
+FUSE = DenseConfig(crop_half_width_m=0.9, fusion_voxel_m=0.05)
+ASIDE = (0.1, -0.2, 0.8)
+
+
+@pytest.fixture
+def views():
+    """Noisy depth maps with holes; voxels are shared by several views, some points lie beyond the crop."""
+    rng = np.random.default_rng(0)
+    depths, images, poses = {}, {}, {}
+    for k in range(5):
+        name = f"v{k}"
+        position = np.array([3 * np.cos(k), 3 * np.sin(k), 1.0 + 0.3 * k])
+        poses[name] = look_at(position, np.array(ASIDE))
+        depth = (3.0 + 0.4 * rng.standard_normal((48, 64))).astype(np.float32)
+        depth[:, ::2] = 3.0  # here normals exist
+        depth[rng.random((48, 64)) < 0.2] = np.nan
+        depths[name] = depth
+        images[name] = rng.integers(0, 256, (48, 64, 3), dtype=np.uint8)
+    depths["v3"][:] = np.nan  # a view may have nothing to give
+    return depths, images, poses
+
+
+def all_at_once(depths, images, poses):
+    """Points, normals and colours of the voxels, each from sums over all its members."""
+    members = []
+    for name in sorted(depths):
+        known = np.isfinite(depths[name])
+        rotation = poses[name][:3, :3].astype(np.float32)
+        grid = backproject(depths[name], SMALL)
+        local, normal = grid[known], depth_normals(grid)[known]
+        guess = -1e-3 * local / np.linalg.norm(local, axis=1, keepdims=True)
+        normal = np.where(np.isfinite(normal[:, :1]), normal, guess) @ rotation
+        world = (local - poses[name][:3, 3].astype(np.float32)) @ rotation
+        members.append(np.hstack([world, normal, images[name][known]]))
+    every = np.concatenate(members)
+    offset = every[:, :3].astype(np.float32) - np.array(ASIDE, np.float32)
+    inside = np.abs(offset).max(axis=1) <= FUSE.crop_half_width_m
+    cells = np.floor(offset[inside] / np.float32(FUSE.fusion_voxel_m)).astype(int)
+    _, of_cell, count = np.unique(cells, axis=0, return_inverse=True, return_counts=True)
+    sums = np.column_stack([np.bincount(of_cell.ravel(), column) for column in every[inside].T])
+    points, normals, colors = np.split(sums, 3, axis=1)
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    return points / count[:, None], normals, np.rint(colors / count[:, None])
+
+
+def fused(depths, images, poses):
+    return fuse(depths, PosedViews(images, poses, SMALL, ASIDE, FUSE))
+
+
+def test_the_cloud_is_the_mean_of_each_voxels_members(views):
+    cloud = fused(*views)
+    points, normals, colors = all_at_once(*views)
+    assert len(points) > 500
+    np.testing.assert_allclose(cloud.points_m, points, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(cloud.normals, normals, rtol=0, atol=1e-6)  # single-precision products
+    np.testing.assert_array_equal(cloud.colors, colors)
+
+
+@pytest.mark.parametrize("slab_points", [1, 50, 333, 2000])
+def test_slabs_do_not_change_a_bit(views, monkeypatch, slab_points):
+    whole = fused(*views)
+    monkeypatch.setattr(fusion, "SLAB_POINTS", slab_points)
+    slabs = fused(*views)
+    for part in ("points_m", "normals", "colors"):
+        np.testing.assert_array_equal(getattr(whole, part), getattr(slabs, part))

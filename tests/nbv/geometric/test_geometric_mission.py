@@ -1,13 +1,20 @@
-"""Geometric missions: the same loop, deterministic, and a fidelity like any other."""
+"""Geometric missions and their simulated stages."""
+
+from itertools import pairwise
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
 
 from nbv.cache import code_digest
-from nbv.config import preset
+from nbv.config import DenseConfig, preset
 from nbv.errors import UserError
 from nbv.geometric import run_geometric_mission
-from nbv.geometric.world import WORLDS
+from nbv.geometric.world import WORLDS, Tracks
+from nbv.geometry.stereo_chance import reconstruction_probability
 from nbv.mission.result import MissionResult
 from nbv.mission.run_directory import RunDirectory, state_file, state_files
 from nbv.rocks.catalogue import LOADED
@@ -118,44 +125,66 @@ def test_only_a_mission_with_an_oracle_gate_asks_the_oracle(finished, config):
     assert set(oracle.trace[0].gate_details["oracle_rewards"]) == {"covis", "b-aware"}
 
 
-def test_a_view_may_be_flown_again_and_again(config):
-    """Each time as a photograph of its own name."""
-    again = {"pool.revisit_exclusion_m": 0.0, "gate.kind": "movement-only", "photographs": 28}
-    result = run_geometric_mission(config.with_values(again), ROCK)
-    assert (result.status, result.costs["registered_images"]) == ("ok", 28)
-
-
-def test_where_features_match_less_far_few_seeds_fall_apart(config):
-    limited = {
-        "scene.match_angle_deg": 45.0,
-        "sparse.ground_features": 2000,
-        "sparse.min_registered_seeds": 3,
-        "seed.lowest_deg": 25.0,
-        "seed.layout": "turn",
-        "photographs": 14,
-        "seeds": 8,
-    }
-    others = ({"scene.match_angle_deg": 180.0}, {"photographs": 18, "seeds": 12}, {})
-    far, many, few = (run_geometric_mission(config.with_values(limited | other), ROCK) for other in others)
-    assert [mission.trace[0].n_registered for mission in (far, many)] == [8, 12]
-    assert few.trace[0].n_registered < 8 and "unregistered_seed" in few.message
-
-
-@pytest.mark.slow
-def test_a_gate_that_always_asks_predicted_plans_as_predicted_alone():
-    """Depth in flight is there for the scorer, whoever asks for its ranking."""
-    base = preset("campaign").with_values({"photographs": 27})
-    gated = {"gate.geometry_scorer": "predicted", "gate.budget_fraction": 1.0}
-    chosen = [
-        [record.chosen for record in run_geometric_mission(base.with_values(values), "machine-0").trace]
-        for values in (gated, {"gate.kind": "predicted"})
-    ]
-    assert chosen[0] == chosen[1]
-
-
 def test_the_same_photographs_have_the_same_score_whatever_the_pool_and_a_small_box(config):
     seeds = config.with_values({"photographs": 24})
     other = {"pool.radius_m": 2.5, "pool.lateral_elevations_deg": [20.0], "pool.upper_elevations_deg": [60.0]}
     box = {"shared.box_half_extent_m": 0.5}  # of the scorers
     a, b, c = (run_geometric_mission(seeds.with_values(values), ROCK) for values in ({}, other, box))
     assert a.metrics == b.metrics == c.metrics and c.status == "ok"
+
+
+DENSE = DenseConfig(agreeing_views=3)
+
+
+def fan(angles_deg):
+    a = np.deg2rad(np.asarray(angles_deg, dtype=float))
+    return np.column_stack([np.sin(a), np.zeros(len(a)), np.cos(a)])
+
+
+def probability(angles_deg, seen=None, incidence_deg=0.0, contrast=0.05, dense=DENSE):
+    n = len(angles_deg)
+    seen = np.ones((n, 1), dtype=bool) if seen is None else seen
+    incidence = np.broadcast_to(np.asarray(incidence_deg, dtype=float), seen.shape)
+    texture = np.full(seen.shape[1], contrast)
+    return reconstruction_probability(seen, incidence, texture, fan(angles_deg), dense)
+
+
+def test_enough_close_views_reconstruct_and_too_few_do_not():
+    assert probability([0, 8, 16, 24, 32, 40, 48])[0] > 0.9
+    assert probability([0, 10], dense=DenseConfig(agreeing_views=6))[0] < 0.1  # two can agree, six must
+    assert probability([0])[0] == 0.0
+
+
+def test_grazing_views_and_faint_texture_reconstruct_less():
+    views = [0, 8, 16, 24, 32, 40]
+    by_incidence = [probability(views, incidence_deg=a)[0] for a in (0.0, 50.0, 70.0, 85.0)]
+    assert all(a > b for a, b in pairwise(by_incidence)) and by_incidence[-1] < 0.5
+    by_contrast = [probability(views, contrast=c)[0] for c in (0.05, 0.005, 0.0005, 0.0)]
+    assert all(a > b for a, b in pairwise(by_contrast)) and by_contrast[-1] == 0.0
+
+
+@settings(max_examples=40)
+@given(st.integers(0, 10_000), st.integers(1, 9), st.integers(1, 12))
+def test_tracks_are_the_connected_components_of_matches(seed, n_views, n_landmarks):
+    rng = np.random.default_rng(seed)
+    directions = rng.normal((0.0, 0.0, 1.5), 1.0, (n_views, n_landmarks, 3))
+    directions /= np.linalg.norm(directions, axis=2, keepdims=True)
+    detected = rng.random((n_views, n_landmarks)) < 0.7
+    limit = np.cos(rng.uniform(0.2, 1.2, n_landmarks))
+    tracks = Tracks(limit, n_views)
+    for view in range(n_views):
+        tracks.add(np.flatnonzero(detected[view]), directions[view, detected[view]])
+    landmarks, offsets, of_views = tracks.points(2)
+    found = [
+        (landmark, frozenset(of_views[a:b].tolist()))
+        for landmark, a, b in zip(landmarks.tolist(), offsets[:-1], offsets[1:])
+    ]
+    expected = set()
+    for landmark in range(n_landmarks):
+        views = np.flatnonzero(detected[:, landmark])
+        rays = directions[views, landmark].astype(np.float32)
+        linked = rays @ rays.T >= np.float32(limit[landmark])
+        _, label = connected_components(coo_matrix(linked), directed=False)
+        groups = [views[label == g] for g in np.unique(label)]
+        expected |= {(landmark, frozenset(g.tolist())) for g in groups if len(g) >= 2}
+    assert len(found) == len(expected) and set(found) == expected

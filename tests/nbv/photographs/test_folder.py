@@ -1,16 +1,23 @@
-"""What a folder may hold, and what is said of the rest."""
+"""What a folder may hold; undistortion and masks; a set on disk."""
 
+import dataclasses
+import json
 import os
 from pathlib import Path
 
 import numpy as np
+import pycolmap
 import pytest
+from photographed_ball import write_part_of_a_set
 from PIL import Image
 from rendered_photographs import FOCAL_35_MM, save, silent
 
 from nbv.errors import UserError
-from nbv.photographs.folder import read_folder, read_pixels
-from nbv.photographs.import_source import ImportSource
+from nbv.photographs import PhotographSet, Reference, list_sets
+from nbv.photographs.folder import SourcePhotograph, read_folder, read_pixels
+from nbv.photographs.import_source import ImportSource, find_masks
+from nbv.photographs.importer import common_pinhole, undistorted
+from nbv.photographs.photograph_set import REFERENCE_FILE, read_set
 
 
 def picture(index: int, size: tuple[int, int] = (64, 48)) -> Image.Image:
@@ -102,3 +109,104 @@ def test_a_telephone_held_both_ways_stays_one_camera(tmp_path: Path) -> None:
     # What is on the left of the stored picture is up.
     stored = read_pixels(found[0].path, 64, found[0].quarters(upright=False)).astype(int)
     assert np.abs(np.rot90(stored, -1) - upright).mean() < 12
+
+
+def lens(k: float, width: int = 320, height: int = 240, focal: float = 260.0) -> pycolmap.Camera:
+    return pycolmap.Camera(
+        model="SIMPLE_RADIAL", width=width, height=height, params=[focal, width / 2, height / 2, k]
+    )
+
+
+@pytest.mark.parametrize("k", [-0.1, 0.0, 0.1])
+def test_the_pinhole_is_filled_and_no_longer_than_it_must_be(k: float) -> None:
+    camera = lens(k)
+    small = lens(0.05, 160, 120)
+    pinhole = common_pinhole([small, camera, small, lens(0.3), small, camera])
+    white = np.full((240, 320, 3), 255, np.uint8)
+    assert undistorted(white, camera, pinhole).min() > 250
+    wider = type(pinhole)(pinhole.width_px, pinhole.height_px, 0.97 * pinhole.focal_px)
+    assert undistorted(white, camera, wider).min() == 0
+    if k == 0:
+        assert pinhole.focal_px == pytest.approx(260.0, rel=0.005)
+
+
+def test_masks_are_found_by_name(tmp_path: Path) -> None:
+    photographs = [
+        SourcePhotograph(Path(f"IMG_{i}.JPG"), f"IMG_{i}", "", (64, 48), 1, "", None, None, None)
+        for i in range(4)
+    ]
+    white = np.full((24, 32), 255, np.uint8)
+    for name in ("img_0.png", "IMG_1_mask.png", "IMG_2.JPG.png"):
+        Image.fromarray(white).save(tmp_path / name)
+    found = find_masks(tmp_path, photographs)
+    assert set(found) == {"IMG_0", "IMG_1", "IMG_2"}
+    source = ImportSource(tuple(photographs), 64, lambda *_: None, masks=found)
+    assert source.mask("IMG_3") is None
+    (tmp_path / "img_0.png").write_bytes(b"no picture")
+    with pytest.raises(UserError, match="cannot be read"):
+        source.mask("IMG_0")
+
+
+@pytest.fixture
+def small_set(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> PhotographSet:
+    monkeypatch.setenv("GATETUNE_HOME", str(tmp_path))
+    return write_part_of_a_set()
+
+
+def test_what_is_written_is_read_back(small_set: PhotographSet) -> None:
+    found = PhotographSet.read("mine")
+    assert list_sets() == ["mine"]
+    pose, expected = (s.photographs[0].camera_from_world for s in (found, small_set))
+    assert np.array_equal(pose, expected)
+    assert np.allclose(found.photographs[0].camera_center_m, [3.5, 0, 0.8])
+
+    assert dataclasses.replace(found, photographs=()) == dataclasses.replace(small_set, photographs=())
+    for read, written in zip(found.photographs, small_set.photographs, strict=True):
+        assert dataclasses.replace(read, camera_from_world=written.camera_from_world) == written
+    assert [p.name for p in found.photographs if not p.registered] == ["lost"]
+    assert found.true_height_m == pytest.approx(1.6 * 0.23)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [{"height_m": float("nan")}, {"photographs": []}, {"format": 99}, {"camera": {"width_px": 64}}],
+)
+def test_a_damaged_description_is_one_line(small_set: PhotographSet, change: dict) -> None:
+    path = small_set.folder / "set.json"
+    path.write_text(json.dumps({**json.loads(path.read_text()), **change}))
+    with pytest.raises(UserError) as told:
+        read_set(small_set.folder)
+    assert "\n" not in str(told.value)
+
+
+def test_pictures_are_checked(small_set: PhotographSet) -> None:
+    path = small_set.folder / "images" / "p000.jpg"
+    pixels = np.full((360, 480, 3), 100, np.uint8)
+    Image.fromarray(pixels).save(path)
+    assert np.abs(small_set.image("p000").astype(int) - pixels).max() <= 2
+    assert small_set.mask("p000") is None
+    path.write_bytes(path.read_bytes()[:300])
+    with pytest.raises(UserError, match="damaged"):
+        small_set.image("p000")
+    Image.fromarray(pixels[:40]).save(path)
+    with pytest.raises(UserError, match="480 x 40"):
+        small_set.image("p000")
+
+
+def test_the_reference_is_read_back_and_a_truncated_one_refused(small_set: PhotographSet) -> None:
+    rng = np.random.default_rng(0)
+    normals = rng.normal(size=(50, 3))
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    made = Reference(
+        rng.normal(size=(50, 3)), normals, rng.integers(0, 255, (50, 3), dtype=np.uint8), rng.random(50)
+    )
+    path = small_set.folder / REFERENCE_FILE
+    made.write(path)
+    found = Reference.read(path)
+    assert np.allclose(found.points_m, made.points_m, atol=1e-6)
+    assert np.allclose(found.normals, made.normals, atol=1e-6)
+    assert np.array_equal(found.colors, made.colors)
+    assert np.allclose(found.error_m, made.error_m)
+    path.write_bytes(path.read_bytes()[:-5])
+    with pytest.raises(UserError, match="damaged"):
+        small_set.reference()

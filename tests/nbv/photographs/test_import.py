@@ -67,9 +67,7 @@ def test_photographs_are_those_of_one_pinhole(ball_set: PhotographSet) -> None:
     assert np.abs(shown - true).mean() < 6
 
 
-def test_a_second_import_goes_on_from_the_store(
-    ball_set: PhotographSet, ball_folder: Path, ball_store: Store, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_second_import_goes_on_from_the_store(ball_set, ball_folder, ball_store, monkeypatch):
     def never(*_: object, **__: object) -> None:
         raise AssertionError("worked out again")
 
@@ -85,9 +83,7 @@ def test_a_second_import_goes_on_from_the_store(
     shutil.rmtree(again.folder)
 
 
-def test_a_failure_late_leaves_nothing(
-    ball_set: PhotographSet, ball_folder: Path, ball_store: Store, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_failure_late_leaves_nothing(ball_set, ball_folder, ball_store, monkeypatch):
     def fails(*_: object, **__: object) -> None:
         raise UserError("no surface")
 

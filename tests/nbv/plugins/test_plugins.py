@@ -1,5 +1,7 @@
-"""Parts of other packages: found by name, recorded, and refused in one line where they are none."""
+"""Parts of other packages: found by name, recorded, refused in one line where they are none; the command."""
 
+import json
+import os
 import subprocess
 import sys
 from importlib import metadata
@@ -8,6 +10,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 from nbv import plugins
 from nbv.cache import Store
@@ -20,6 +23,7 @@ from nbv.mission import MissionResult
 from nbv.rocks import load_coarse_rock
 from nbv.scorers import Scorer
 from nbv.types import GateDecision, Ranking
+from tuner.cli import app
 from tuner.missions.job import MissionJob
 from tuner.missions.pool import run_job
 
@@ -177,27 +181,6 @@ def test_what_is_registered_reaches_workers_unless_it_is_in_the_script_itself(pa
         plugins.register("scorers", "b", bad)
 
 
-def test_a_script_may_register_a_part_and_fly_it(tmp_path):
-    (tmp_path / "script.py").write_text(
-        MINE
-        + """
-from nbv.config import preset
-from nbv.geometric import run_geometric_mission
-from nbv.plugins import register
-
-register("scorers", "mine-low", LOW)
-config = preset("campaign").with_values({"gate.kind": "mine-low", "photographs": 26})
-mission = run_geometric_mission(config, "slab-3")
-print(mission.status, *mission.provenance["plugins"], config.digest())
-"""
-    )
-    runs = [
-        subprocess.run([sys.executable, tmp_path / "script.py"], capture_output=True, text=True) for _ in "12"
-    ]
-    assert runs[0].stdout.startswith("ok scorers/mine-low"), runs[0].stderr
-    assert runs[0].stdout == runs[1].stdout
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["frontier-density", "fisher-information"])
 def test_the_planners_of_the_examples_plan(package, monkeypatch, name):
@@ -217,17 +200,6 @@ def test_a_gate_without_a_decision_is_none(package):
 def last(gate, state, pool, rankings):
     scores = np.arange(len(pool), dtype=float)
     return GateDecision(Ranking("last", np.arange(len(pool))[::-1], scores, {"main": scores}), "last")
-
-
-def test_a_mission_names_the_plug_ins_that_it_uses_and_no_others(package, tmp_path):
-    package("scorers", ("mine-low", "mine_package:LOW"))
-    for kind, used in (("mine-low", {"scorers/mine-low"}), ("covis", None)):
-        job = MissionJob(
-            kind, short(**{"gate.kind": kind}), "slab-3", 0, tmp_path / kind, fidelity="geometric"
-        )
-        assert run_job(job.to_dict()) == 0
-        named = MissionResult.load(tmp_path / kind).provenance.get("plugins")
-        assert named is used or named.keys() == used
 
 
 def test_a_planner_is_not_told_which_rock_it_is(package):
@@ -257,3 +229,44 @@ def test_an_installed_part_with_a_built_in_name_is_left_out_and_named(package):
     plugins.register("families", "slab", lambda p, rng, seed: p)
     with pytest.raises(UserError, match=r"family 'slab' .* has the name of one that is built in; rename it"):
         load_coarse_rock("slab-3", Store())
+
+
+def gatetune(*arguments):
+    result = CliRunner().invoke(app, list(map(str, arguments)))
+    if isinstance(result.exception, UserError):
+        raise result.exception
+    assert result.exit_code == 0, result.output
+    return result.output
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["scorer", "gate"])
+def test_a_written_package_installs_and_its_test_passes(kind, tmp_path):
+    folder = tmp_path / "mine"
+    gatetune("plugin", "init", "my-own", "--out", folder, *(["--gate"] if kind == "gate" else []))
+    assert "my_own.alpha" in (folder / "README.md").read_text()
+    pip = [sys.executable, "-m", "pip", "install", "-q", "--no-deps", "--no-build-isolation", "--target"]
+    subprocess.run([*pip, tmp_path / "site", folder], check=True, cwd=tmp_path)
+    path = os.pathsep.join([str(tmp_path / "site"), *(p for p in sys.path if p)])
+    environment = {**os.environ, "PYTHONPATH": path}
+    test = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", folder / "tests"]
+    subprocess.run(test, check=True, cwd=folder, env=environment)
+    listed = [sys.executable, "-m", "tuner.cli", "plugin", "list", "--json"]
+    said = json.loads(subprocess.run(listed, check=True, env=environment, capture_output=True).stdout)
+    row = {"name": "my-own", "group": f"{kind}s", "distribution": "gatetune-my-own", "version": "0.1.0"}
+    assert row in said
+
+
+def test_init_and_list_refuse_and_say_when_there_is_nothing(tmp_path, monkeypatch):
+    with pytest.raises(UserError, match="cannot name a plug-in"):
+        gatetune("plugin", "init", "Mine!")
+    for taken in ("random", "pool"):
+        with pytest.raises(UserError, match=f"'{taken}' is already the name of a strategy or section"):
+            gatetune("plugin", "init", taken, "--out", tmp_path / taken)
+    with pytest.raises(UserError, match="exists"):
+        gatetune("plugin", "init", "mine", "--out", tmp_path)
+    monkeypatch.setattr(metadata, "entry_points", lambda group: [])
+    monkeypatch.setattr(plugins, "_registered", {})
+    plugins.installed.cache_clear()
+    assert "no plug-in is installed" in gatetune("plugin", "list")
+    plugins.installed.cache_clear()

@@ -5,13 +5,11 @@ import dataclasses
 import numpy as np
 import pytest
 import trimesh
-from PIL import Image
-from textured_ball import PICTURE, write_ball
 
 from nbv.cache import Store
 from nbv.errors import UserError
 from nbv.photographs.photograph_set import set_folder
-from nbv.rocks import catalogue, import_mesh, importer, list_rocks, load_rock, procedural, save_imported
+from nbv.rocks import import_mesh, importer, list_rocks, load_rock, procedural, save_imported
 from nbv.rocks.catalogue import LOADED, surface_path
 from nbv.rocks.recipes import RECIPES
 
@@ -48,30 +46,6 @@ def test_a_procedural_rock_is_generated_once_and_read_back(home, monkeypatch):
     assert (again.name, again.split, again.difficulty) == ("waist", first.split, first.difficulty)
     assert again.faces.dtype == first.faces.dtype and not again.vertices_m.flags.writeable
     assert [path.name for path in Store().root.iterdir()] == ["rocks"]
-
-
-def test_a_mesh_is_prepared_once_for_the_content_of_its_files(tmp_path, monkeypatch):
-    monkeypatch.setattr(importer, "MAX_EDGE_M", 0.2)
-    skins = [
-        Image.fromarray(np.random.default_rng(seed).integers(0, 255, (16, 16, 3), np.uint8))
-        for seed in (0, 1)
-    ]
-    path, picture = write_ball(tmp_path, skins[0]), tmp_path / PICTURE
-    first = load_rock(str(path), Store())
-    LOADED.clear()
-    with monkeypatch.context() as patch:
-        patch.setattr(importer, "import_mesh", lambda *_, **__: pytest.fail("imported twice"))
-        again = load_rock(str(path), Store())
-    assert (again.sha256, again.name, again.notes) == (first.sha256, first.name, first.notes)
-    for name in ("vertices_m", "faces", "albedo"):
-        np.testing.assert_array_equal(getattr(again, name), getattr(first, name))
-        assert not getattr(again, name).flags.writeable
-    skins[1].save(picture)
-    LOADED.clear()
-    assert load_rock(str(path), Store()).sha256 != first.sha256
-    picture.unlink()
-    LOADED.clear()
-    assert any("not read" in note for note in load_rock(str(path), Store()).notes)
 
 
 def test_imported_rock_is_found_by_name(mesh_file):
@@ -134,11 +108,3 @@ def test_damaged_imported_rock_is_refused(home, mesh_file, caplog):
         load_rock("mine")
     assert [rock.name for rock in list_rocks()] == list(RECIPES)
     assert "import it again" in caplog.text
-
-
-def test_a_rock_too_large_to_be_read_back_is_not_written(home, mesh_file, monkeypatch):
-    rock = import_mesh(mesh_file, name="mine")
-    monkeypatch.setattr(catalogue, "NPZ_BYTES", 1000)
-    with pytest.raises(UserError, match="the size of rock mine in bytes is"):
-        save_imported(rock)
-    assert not list(home.rglob("mine*"))

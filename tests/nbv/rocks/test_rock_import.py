@@ -1,5 +1,6 @@
-"""Importing meshes: colours land where they belong, and bad files are told apart in one line."""
+"""Rocks that are drawn, and meshes that are imported."""
 
+import hashlib
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +10,10 @@ from PIL import Image
 from textured_ball import PICTURE, write_ball
 
 from nbv.errors import UserError
-from nbv.rocks import describe, import_mesh, importer
+from nbv.rocks import describe, import_mesh, importer, load_coarse_rock, load_rock
+from nbv.rocks.families import EVERY, generated_name, generated_recipe
+from nbv.rocks.procedural import generate_rock
+from nbv.rocks.recipes import RECIPES
 
 SMALL_M = 0.4  # a quarter of the usual height has a sixteenth of the faces
 
@@ -116,3 +120,60 @@ def test_a_texture_of_very_many_pixels_is_not_unpacked(tmp_path: Path) -> None:
     Image.new("1", (13_000, 13_000)).save(tmp_path / PICTURE)
     with pytest.raises(UserError, match=r"pixels is 1.69e\+08; the limit is 1e\+08"):
         import_mesh(path)
+
+
+COARSE_M = 0.03
+
+
+@pytest.mark.parametrize("family", EVERY)
+def test_a_drawn_rock_is_closed_and_stands_on_the_ground(family: str) -> None:
+    rock = generate_rock(f"{family}-5", grid_m=COARSE_M)
+    facts = describe(rock)
+    assert facts["boundary_edges"] == 0 and facts["volume_m3"] is not None and facts["volume_m3"] > 0.02
+    assert rock.vertices_m[:, 2].min() == pytest.approx(0.0, abs=1e-9)
+    assert facts["extents_m"][2] == pytest.approx(generated_recipe(family, 5).height_m)
+    assert rock.split == "train"
+
+
+def test_a_name_is_one_rock() -> None:
+    expected = "42a8463c6453da902cbd3c2ef7bf324b45370e7c6959e83e3cc9abf226f61905"
+    assert load_coarse_rock("cleft-3").sha256 == expected  # on every machine
+
+
+def test_splits_are_ranges_of_seeds() -> None:
+    splits = [generated_recipe("slab", seed).split for seed in (0, 9_999, 10_000, 19_999, 20_000)]
+    assert splits == ["train", "train", "validation", "validation", "held-out"]
+
+
+def test_what_is_no_generated_rock_is_said() -> None:
+    assert generated_name("boulder") is None and generated_name("pebble-3") is None
+    with pytest.raises(UserError, match=r"no family 'pebble' of rocks; choose from boulder"):
+        generated_recipe("pebble", 3)
+    with pytest.raises(UserError, match=r"seed -1 .* not from 0"):
+        generated_recipe("slab", -1)
+    with pytest.raises(UserError, match=r"seed 99999999 .* not from 0"):
+        load_rock("slab-99999999")
+
+
+COARSER_M = 0.025
+
+
+def test_split_is_disjoint_and_large_enough():
+    splits = [recipe.split for recipe in RECIPES.values()]
+    assert splits.count("train") >= 5 and splits.count("held-out") >= 12
+    seeds = [recipe.seed for recipe in RECIPES.values()]
+    assert len(set(seeds)) == len(seeds)
+
+
+@pytest.mark.slow
+def test_the_rocks_are_what_all_missions_flew_on():
+    """A changed digest is a changed rock: every number that was measured on it would have to be measured anew."""
+    rocks = {name: generate_rock(name, grid_m=COARSER_M) for name in RECIPES}
+    assert len({rock.sha256 for rock in rocks.values()}) == len(rocks)
+    digest = hashlib.sha256("".join(rock.sha256 for rock in rocks.values()).encode()).hexdigest()
+    assert digest == "99ce682805b7b780208fa8349abfbee7b5d1ab0f53f8fbd01c4bd2be1ad66490"
+    assert generate_rock("waist", grid_m=COARSER_M).sha256 == rocks["waist"].sha256
+    facts = describe(rocks["mushroom"])
+    assert facts["overhang_fraction"] > describe(rocks["boulder"])["overhang_fraction"]
+    assert facts["boundary_edges"] == 0 and facts["albedo_contrast"] > 0.1
+    assert 0.15 < np.mean(facts["mean_albedo"]) < 0.55

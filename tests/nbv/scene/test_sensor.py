@@ -1,4 +1,4 @@
-"""The camera between scene and photograph, its lens included: each effect as its formula says."""
+"""The camera between scene and photograph: each effect as its formula says, and its streams of draws."""
 
 import dataclasses
 import math
@@ -186,3 +186,17 @@ def test_a_lens_that_folds_the_picture_is_a_user_error(sensor):
     with pytest.raises(UserError, match=r"sensor\.k1=.* fold the picture over") as error:
         Lens(SMALL_CAMERA, SensorConfig(**sensor))
     assert "\n" not in str(error.value)
+
+
+def test_streams_are_pinned():
+    """A change here would silently change every photograph ever taken."""
+    assert keyed_rng("noise", "0" * 64, 0, "seed_00").integers(0, 2**32, 3).tolist() == PINNED
+
+
+@pytest.mark.parametrize("part", [1.0, None, True, b"x"])
+def test_other_types_are_refused(part):
+    with pytest.raises(TypeError, match="strings and integers"):
+        keyed_rng("a", part)
+
+
+PINNED = [1829865842, 3820967078, 1671959790]

@@ -1,14 +1,26 @@
-"""SIFT's features; photographs from far apart of level ground, which telemetry lets it match."""
+"""SIFT, matching, alignment with telemetry, and signals that COLMAP leaves alone."""
+
+import signal
+import subprocess
+import sys
 
 import cv2
 import numpy as np
+import pycolmap
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from scene_helpers import around
 from scipy.ndimage import gaussian_filter
-from sparse_world import TARGET
+from scipy.spatial.transform import Rotation
+from sparse_world import TARGET, moved, ring_captures
 
-from nbv.config import CameraConfig, MissionConfig, SparseConfig
-from nbv.geometry.frames import look_at
-from nbv.sparse.features import Correspondences, extract_features
+from nbv.config import TELEMETRY_LEVELS, CameraConfig, MissionConfig, SparseConfig
+from nbv.errors import MissionFailure
+from nbv.geometry.frames import camera_centers_m, intrinsic_matrix, look_at
+from nbv.sparse.alignment import align_cameras
+from nbv.sparse.colmap import camera_from_world_poses
+from nbv.sparse.features import Correspondences, Features, extract_features, match_pair, verify_pair
 
 
 def textured(seed=0):
@@ -79,3 +91,172 @@ def test_views_60_degrees_apart_match_on_the_ground() -> None:
         center = -pose[:3, :3].T @ pose[:3, 3]
         places.append(center - rays * (center[2] / rays[:, 2])[:, None])
     assert np.median(np.linalg.norm(places[0] - places[1], axis=1)) < 0.02
+
+
+def descriptors(rng, count, like=None, noise=0.0):
+    """SIFT-like: nonnegative, norm 512, uint8."""
+    raw = np.abs(rng.standard_normal((count, 128)))
+    if like is not None:
+        raw = like / 512.0 + noise * np.abs(rng.standard_normal(like.shape))
+    raw /= np.linalg.norm(raw, axis=1, keepdims=True)
+    return np.clip(np.round(512 * raw), 0, 255).astype(np.uint8)
+
+
+def test_agrees_with_colmap():
+    rng = np.random.default_rng(2)
+    a = descriptors(rng, 300)
+    b = np.concatenate([descriptors(rng, 200, like=a[:200].astype(float), noise=0.05), descriptors(rng, 80)])
+    rng.shuffle(b)
+    options = pycolmap.FeatureMatchingOptions()
+    options.num_threads = 1
+    options.use_gpu = False
+    options.sift.cpu_brute_force_matcher = True
+    matcher = pycolmap.FeatureMatcher.create(options, pycolmap.Device.cpu)
+    arguments = []
+    for d in (a, b):
+        arguments.append(pycolmap.keypoints_from_matrix(np.zeros((len(d), 4), np.float32)))
+        arguments.append(pycolmap.FeatureDescriptors(pycolmap.FeatureExtractorType.SIFT, d))
+    theirs = np.asarray(matcher.match(*arguments))
+    ours = match_pair(a, b)
+    assert len(ours) > 150
+    assert {tuple(m) for m in ours.tolist()} == {tuple(m) for m in theirs.tolist()}
+
+
+def two_views(inliers, outliers, seed=0):
+    rng = np.random.default_rng(seed)
+    camera = CameraConfig()
+    world = rng.uniform([-1, -1, 0], [1, 1, 1.6], (inliers, 3))
+    features = []
+    for position in ((4.0, 0.0, 1.8), (3.5, 1.6, 2.0)):
+        pose = look_at(np.array(position), np.array([0, 0, 0.8]))
+        pixels = (world @ pose[:3, :3].T + pose[:3, 3]) @ intrinsic_matrix(camera).T
+        pixels = pixels[:, :2] / pixels[:, 2:] + rng.normal(0, 0.3, (inliers, 2))
+        pixels = np.concatenate([pixels, rng.uniform(0, 480, (outliers, 2))])
+        keypoints = np.c_[pixels, np.ones((len(pixels), 2))].astype(np.float32)
+        features.append(Features(keypoints, np.zeros((len(pixels), 128), np.uint8)))
+    matches = np.repeat(np.arange(inliers + outliers, dtype=np.uint32)[:, None], 2, axis=1)
+    return *features, matches, camera
+
+
+def test_verification_finds_the_planted_motion_and_is_repeatable():
+    a, b, matches, camera = two_views(80, 40)
+    pair = verify_pair(a, b, matches, camera, SparseConfig())
+    kept = set(pair.matches[:, 0].tolist())
+    assert len(kept & set(range(80))) >= 78
+    assert len(kept - set(range(80))) <= 8  # an outlier can lie on its epipolar line by chance
+    pycolmap.set_random_seed(999)  # the result must not depend on global state
+    again = verify_pair(a, b, matches, camera, SparseConfig())
+    np.testing.assert_array_equal(pair.matches, again.matches)
+    assert pair.config == again.config
+
+
+@pytest.mark.parametrize("inliers, outliers", [(0, 60), (14, 0)])
+def test_verification_refuses_noise_and_too_few(inliers, outliers):
+    a, b, matches, camera = two_views(inliers, outliers)
+    assert len(verify_pair(a, b, matches, camera, SparseConfig(min_inliers=25 if outliers else 15))) == 0
+
+
+TELEMETRY = np.array([c.camera_from_world for c in ring_captures(24)])
+
+
+def in_model_frame(telemetry, scale, rotation, translation):
+    """Poses in the frame ``model = scale * rotation @ world + translation``."""
+    poses = telemetry.copy()
+    poses[:, :3, :3] = telemetry[:, :3, :3] @ rotation.T
+    poses[:, :3, 3] = scale * telemetry[:, :3, 3] - poses[:, :3, :3] @ translation
+    return poses
+
+
+@settings(max_examples=30)
+@given(st.integers(0, 10_000), st.floats(0.05, 20.0))
+def test_undoes_any_similarity(seed, scale):
+    rng = np.random.default_rng(seed)
+    rotation = Rotation.random(random_state=seed).as_matrix()
+    model = in_model_frame(TELEMETRY, scale, rotation, rng.uniform(-50, 50, 3))
+    alignment = align_cameras(model, TELEMETRY, 0.1)
+    assert alignment.world_from_model.scale == pytest.approx(1 / scale, rel=1e-6)
+    assert alignment.rms_m < 1e-6 and alignment.max_m < 1e-6 and len(alignment.outliers) == 0
+    assert alignment.rotation_errors_deg.max() < 1e-3
+    world = camera_from_world_poses(model, alignment.world_from_model)
+    np.testing.assert_allclose(world, TELEMETRY, atol=1e-6)
+
+
+@pytest.mark.parametrize("wrong", [(3,), (0, 7, 20)])
+def test_names_the_few_cameras_that_disagree(wrong):
+    model = TELEMETRY.copy()
+    for index in wrong:
+        model[index] = moved(model[index], (1.0, -0.7, 0.4 + 0.1 * index))
+    model = in_model_frame(model, 2.5, Rotation.from_euler("xyz", [1, 2, 3]).as_matrix(), [3.0, 1.0, 2.0])
+    alignment = align_cameras(model, TELEMETRY, 0.1)
+    assert tuple(alignment.outliers) == wrong
+    assert alignment.rms_m < 1e-6
+    assert alignment.residuals_m[list(wrong)].min() > 1.0
+
+
+def fails(model, telemetry=TELEMETRY, reason="wrong_model"):
+    with pytest.raises(MissionFailure) as caught:
+        align_cameras(model, telemetry, 0.1)
+    assert caught.value.reason == reason
+    return caught.value.message
+
+
+def test_shuffled_telemetry_is_a_wrong_model():
+    order = np.random.default_rng(1).permutation(24)
+    assert "telemetry" in fails(TELEMETRY[order])
+
+
+def test_a_mirrored_single_ring_is_found_by_its_orientations():
+    """The centres of one ring lie in a plane, so that centres alone cannot tell its mirror image."""
+    mirror = np.diag([1.0, 1.0, -1.0])
+    ring = TELEMETRY[:12]
+    model = ring.copy()
+    model[:, :3, :3] = mirror @ ring[:, :3, :3] @ mirror
+    model[:, :3, 3] = ring[:, :3, 3] @ mirror
+    assert "mirrored" in fails(model, ring)
+
+
+def test_collapsed_and_tiny_models():
+    same = np.repeat(TELEMETRY[:1], 24, axis=0)
+    assert "collapsed" in fails(same)
+    assert "only 2" in fails(TELEMETRY[:2], TELEMETRY[:2])
+    line = np.array([moved(TELEMETRY[0], (i, 0, 0)) for i in range(5)])
+    assert "line" in fails(line, line)
+
+
+def test_attitudes_hold_the_turn_that_drift_would_give():
+    telemetry = TELEMETRY_LEVELS["gnss"]
+    rng = np.random.default_rng(2)
+    errors_deg = {False: [], True: []}
+    for _ in range(20):
+        reported = TELEMETRY.copy()
+        centers = camera_centers_m(TELEMETRY) + rng.normal(0, 0.5, (len(TELEMETRY), 3))
+        turns = Rotation.from_rotvec(np.deg2rad(rng.normal(0, 1.0, (len(TELEMETRY), 3)))).as_matrix()
+        reported[:, :3, :3] = turns @ TELEMETRY[:, :3, :3]
+        reported[:, :3, 3] = -np.einsum("mij,mj->mi", reported[:, :3, :3], centers)
+        for uses in errors_deg:
+            found = align_cameras(TELEMETRY, reported, 2.0, telemetry if uses else None).world_from_model
+            errors_deg[uses].append(np.rad2deg(Rotation.from_matrix(found.rotation).magnitude()))
+    assert np.mean(errors_deg[True]) < 0.5
+    assert np.mean(errors_deg[True]) < np.mean(errors_deg[False]) / 4
+
+
+WAITS = """
+import signal, sys
+{before}
+import nbv.sparse
+print("ready", flush=True)
+signal.pause()
+"""
+
+
+@pytest.mark.parametrize(
+    ("before", "status"),
+    [("", -signal.SIGTERM), ("signal.signal(signal.SIGTERM, lambda number, frame: sys.exit(7))", 7)],
+)
+def test_a_termination_shows_no_stack_trace_and_reaches_its_handler(before, status):
+    command, pipe = [sys.executable, "-c", WAITS.format(before=before)], subprocess.PIPE
+    with subprocess.Popen(command, stdout=pipe, stderr=pipe, text=True) as waiting:
+        assert waiting.stdout is not None and waiting.stdout.readline() == "ready\n"
+        waiting.terminate()
+        _, said = waiting.communicate(timeout=60)
+    assert (waiting.returncode, said) == (status, "")

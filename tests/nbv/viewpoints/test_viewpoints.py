@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 
 from nbv.config import MissionConfig, SeedConfig, preset
 from nbv.viewpoints import camera_shell, candidate_pool, raw_candidates, seed_viewpoints
-from nbv.viewpoints.rings import lateral_ring_counts
 
 NOWHERE = np.zeros((0, 3))
 VEHICLE = np.array([0.0, -8.0, 3.0])
@@ -94,22 +93,6 @@ def test_pool_positions_equal_the_reference(name: str, count: int, golden: str) 
     reference = dict(zip(z["candidate_ids"].tolist(), z["candidates_m"]))
     assert set(pool.ids) == set(reference)
     np.testing.assert_allclose(pool.positions_m, [reference[i] for i in pool.ids], atol=1e-9)
-
-
-@pytest.mark.parametrize(
-    ("total", "rings", "counts"),
-    [
-        *((0, 4, []), (3, 4, [1, 1, 1]), (10, 7, [3, 2, 1, 1, 1, 1, 1]), (5, 0, [])),
-        *((120, 4, [58, 29, 19, 14]), (4, 4, [1, 1, 1, 1]), (20, 20, [1] * 20)),
-    ],
-)
-def test_the_lateral_rings_have_as_many_candidates_as_asked_for(
-    total: int, rings: int, counts: list[int]
-) -> None:
-    assert lateral_ring_counts(total, rings) == counts
-    lateral = {"pool.lateral_count": total, "pool.lateral_elevations_deg": [4.0 * k for k in range(rings)]}
-    config = MissionConfig().with_values({**lateral, "pool.upper_count": 0})
-    assert candidate_pool(config, VEHICLE, NOWHERE).counts["raw"] == sum(counts)
 
 
 @settings(max_examples=30)

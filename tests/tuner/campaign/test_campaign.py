@@ -16,7 +16,6 @@ import yaml
 from in_process import InProcessExecutor
 
 from nbv.errors import UserError
-from tuner.campaign import session
 from tuner.campaign.begin import begin_campaign, extend_campaign
 from tuner.campaign.campaign import Campaign, CampaignEvent
 from tuner.campaign.session import run_campaign
@@ -119,24 +118,8 @@ def test_kill_9_loses_and_doubles_nothing(tmp_path: Path) -> None:
         assert (after[number].record.directory / "run.txt").read_text() == "run\n"
 
 
-def test_the_campaign_records_crashes_and_failures_and_goes_on(tmp_path: Path) -> None:
-    rocks = ("a", "abort", "raise", "fail", "hang")
-    campaign = begin_campaign(tmp_path / "run", settings(rocks=rocks, budget=10))
-    with workers(timeout_s=2.0) as executor:
-        summary = run_campaign(campaign, executor)
-    assert summary.stopped == "budget"
-    assert summary.status.complete == 2 and summary.status.failed == 8
-    expected = ("", "worker_died: SIGABRT", "mission_error", "seed_model_failed", "timeout")
-    assert {t.rock: t.reason for t in campaign.trials()} == dict(zip(rocks, expected))
-    assert all(t.raw is None for t in campaign.trials() if t.state == "failed")
-    assert "an exception nobody expected" in campaign.trials()[2].record.message
-    assert summary.recommendation is not None and summary.recommendation.failures == 8
-
-
 @pytest.mark.parametrize("sampler", ["sobol", "gp"])
-def test_a_proposal_that_the_configuration_refuses_is_infeasible(
-    sampler: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_proposal_that_the_configuration_refuses_is_infeasible(sampler, tmp_path, monkeypatch):
     """The lower angle may not be above the upper one: some points of the space are no mission."""
     low, high = {"low": 0, "high": 24}, {"low": 6, "high": 26}
     angles = {"b_aware.theta_low_deg": low, "b_aware.theta_saturation_deg": high}
@@ -182,9 +165,7 @@ def test_where_nothing_planned_registers_it_says_so_and_stops(tmp_path: Path) ->
         assert again.message == summary.message
 
 
-def test_what_the_machine_ended_is_neither_counted_nor_learned(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_the_machine_ended_is_neither_counted_nor_learned(tmp_path, monkeypatch):
     monkeypatch.setattr("tuner.missions.job.MAX_ATTEMPTS", 1)
     campaign = begin_campaign(tmp_path / "run", settings(rocks=("a", "once-full"), budget=4))
     summary = run_campaign(campaign, InProcessExecutor())
@@ -276,9 +257,7 @@ def test_what_a_campaign_ended_with_stands_until_missions_come(tmp_path: Path) -
 
 
 @pytest.mark.parametrize("sampler", ["gp", "random"])
-def test_nothing_is_said_before_the_default_has_its_replicates_on_every_rock(
-    tmp_path: Path, sampler: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_nothing_is_said_before_the_default_has_its_replicates_on_every_rock(tmp_path, sampler, capsys):
     campaign = begin_campaign(tmp_path / "run", settings(budget=12, replicates=2, sampler=sampler))
     stop = fake_campaigns.stop_after(1)
     assert run_campaign(campaign, InProcessExecutor(), stop).status.finished == 1
@@ -309,21 +288,3 @@ def test_a_finished_campaign_is_extended(tmp_path: Path) -> None:
     assert Campaign.open(tmp_path / "run").status().remaining == 0
     tree = yaml.safe_load((tmp_path / "run" / "campaign.yaml").read_text())
     assert [(e["from"], e["to"]) for e in tree["extensions"]] == [(6, 10)]
-
-
-def test_a_wide_campaign_flies_every_proposal_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """With many workers, whose missions end one at a time."""
-    monkeypatch.setattr(InProcessExecutor, "capacity", 16)
-    assert InProcessExecutor.capacity >= session.FROM_WORKERS
-    campaign = begin_campaign(tmp_path, fake_campaigns.settings(budget=30, initial=10, replicates=3))
-    in_flight = [0]
-
-    def count(event: CampaignEvent) -> None:
-        in_flight.append(in_flight[-1] + {"launched": 1, "finished": -1}.get(event.kind, 0))
-
-    assert run_campaign(campaign, InProcessExecutor(), count).stopped == "budget"
-    trials = campaign.trials()
-    assert [t.state for t in trials] == ["complete"] * 30 and max(in_flight) >= 4
-    assert {"model", "verification"} & {t.record.metadata["phase"] for t in trials}
-    searched = [t for t in trials if t.record.metadata["phase"] not in ("default", "verification")]
-    assert len({tuple(t.values.values()) for t in searched}) == len(searched)

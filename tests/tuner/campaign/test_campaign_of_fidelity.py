@@ -1,7 +1,6 @@
 """A campaign over a fidelity of one's own: one function, a configuration in, metrics out."""
 
 import dataclasses
-import errno
 import json
 import shlex
 
@@ -16,6 +15,7 @@ from tuner.campaign.begin import begin_campaign
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.session import run_campaign
 from tuner.campaign.settings_file import read_settings_file
+from tuner.missions.registry import mission_kind
 from tuner.problem.goal import Objective
 from tuner.problem.space_files import space_from_dict
 
@@ -96,27 +96,6 @@ def test_a_limit_that_nothing_meets(gatetune, tmp_path, rocks, first, second, li
     assert "No configuration that was run is likely to meet" in gatetune.ok("campaign", "status", directory)
 
 
-@pytest.mark.slow
-def test_what_does_not_count_is_said_and_a_read_only_campaign_is_evaluated(gatetune, tmp_path, monkeypatch):
-    campaign = run(tmp_path / "run", rocks=("slab",))
-    evaluate = ("evaluate", campaign.directory, "--fidelity", "toy", "--rock", "arch", "--replicates", 1)
-    evaluate = (*evaluate, "--against", "hyb-h")
-    assert "does not count" in gatetune.ok(*evaluate, "--out", tmp_path / "elsewhere")
-    assert "does not count" not in gatetune.ok(*evaluate)
-
-    def refuse(*_):
-        raise UserError("cannot write it")
-
-    def read_only(*_):
-        raise OSError(errno.EROFS, "Read-only file system")
-
-    monkeypatch.setattr("tuner.report.campaign_page.write_campaign_report", refuse)
-    monkeypatch.setattr("tuner.answer.answer.write_atomic", read_only)
-    said = gatetune.ok(*evaluate)
-    assert "stays as it was: cannot write it" in said and "What next" in said
-    assert "answer.json stays as it was: Read-only file system" in said
-
-
 def test_a_space_that_has_been_tried_out_ends_the_campaign(tmp_path):
     track = {"kind": "int", "low": 6, "high": 7}
     two = space_from_dict({"name": "two", "parameters": {"b_aware.target_track_length": track}}, "test")
@@ -153,3 +132,10 @@ def test_paths_in_a_settings_file_are_taken_from_its_folder(tmp_path):
         "space": str(tmp_path / "deep/mine.yaml"),
         "learn_from": [str(tmp_path / "deep/runs/a")],
     }
+
+
+def test_an_unknown_fidelity_is_refused_with_a_remedy() -> None:
+    with pytest.raises(
+        UserError, match=r"no such fidelity is known here; name its plug-in with gatetune --plugin"
+    ):
+        _ = mission_kind("photogrametric").function

@@ -1,6 +1,5 @@
 """A campaign over the gate, interrupted and to its end: repeats use no budget, nothing inert is recommended, one table beside the paper's."""
 
-import dataclasses
 import json
 import os
 import shutil
@@ -15,8 +14,8 @@ import pytest
 from nbv.geometric import run_geometric_mission
 from tuner.answer.answer import ANSWER_FILE, answer_of
 from tuner.campaign.campaign import Campaign
-from tuner.campaign.session import known_photographs, simplified
-from tuner.missions.job import MissionJob, repeated
+from tuner.campaign.session import simplified
+from tuner.missions.job import repeated
 from tuner.problem.baselines import label
 from tuner.problem.observations import photographs_key
 
@@ -117,15 +116,6 @@ def test_a_comparison_that_was_killed_goes_on_with_resume(ended, tmp_path):
     gatetune(tmp_path, "campaign", "resume", "gate", "--workers", "1")
     assert mission.is_dir() and (run / ANSWER_FILE).is_file()
     assert answer_of(Campaign.open(run, read_only=True)).tables == kept
-
-
-def test_a_mission_that_is_not_in_the_store_is_not_known(ended):
-    campaign = Campaign.open(ended[0] / "runs/gate", read_only=True)
-    config = campaign.settings.problem.config(campaign.settings.problem.default)
-    job = MissionJob("1", config, "slab", 977, campaign.directory)
-    assert known_photographs(job) == ""  # photogrammetric, a replicate that nobody has run
-    # A plug-in's missions need not know the store.
-    assert known_photographs(dataclasses.replace(job, fidelity="fake-on-rocks")) == ""
 
 
 def test_a_search_without_a_plan_left_to_try_runs_nothing_when_resumed(tmp_path):

@@ -1,21 +1,15 @@
 import errno
-import json
 import re
 import subprocess
 import sys
 from importlib import metadata
 from pathlib import Path
 
-import numpy as np
 import pytest
-import trimesh
 import yaml
 
 from nbv import plugins
-from nbv.config import preset
 from tuner.cli import main
-from tuner.commands import console
-from tuner.missions.registry import mission_kind
 
 RUN = "campaign run --rock boulder"
 
@@ -27,33 +21,24 @@ RUN = "campaign run --rock boulder"
         ("campaign run --space no-such-space", "no-such-space"),
         (f"{RUN} --budget 1000000000", "the limit is 100000 (GATETUNE_LIMITS=10 raises"),
         (f"{RUN} --replicates 0", "replicates"),
-        (f"{RUN} --workers 0", "workers"),
         (f"{RUN} --sampler magic", "magic"),
         (f"{RUN} --preset nope", "nope"),
         (f"{RUN} --name ../../x", "'../../x' must be a folder name without '/'"),
         (f"{RUN} --seed {2**70}", "below 2**63"),
         (f"{RUN} --set photogaphs=4", "photographs"),
         (f"{RUN} --set photographs", "PATH=VALUE"),
-        (f"{RUN} --set photographs=many", "photographs"),
-        (f"{RUN} --set photographs={'[' * 2000}", "--set"),
         (f"{RUN} --objective observable.surprise", "direction: maximise"),
         ("campaign run nowhere.yaml", "nowhere.yaml"),
         ("campaign run --rock bouldr", "boulder"),
         ("campaign run --rock mushroom", "held out"),
-        ("campaign run --rock slab-20000", "held out"),
         ("campaign resume nowhere", "nowhere"),
-        ("campaign status [/]", "[/] holds no campaign"),
-        ("evaluate nowhere --replicates 1000000000", "nowhere"),
+        ("evaluate nowhere", "nowhere"),
         ("reproduce --strategy covi", "covis"),
         ("mission run --rock boulder --gate hyb", "hyb-h"),
         ("mission run --rock boulder --set gate.budget_fraction=1.5", "between 0 and 1"),
         ("mission explain nowhere", "nowhere"),
         ("rocks show pebble-3", "pebble-3"),
-        ("rocks show nowhere.obj", "nowhere.obj"),
         ("rocks show boulder --image nowhere/boulder.png", "nowhere/boulder.png"),
-        ("rocks show ~nobody-is-called-so/rock.ply", "no home folder"),
-        (f"rocks show {'x' * 5000}", "unknown rock"),
-        ("rocks show a\udcff.ply", "not UTF-8"),
     ],
 )
 def test_a_mistake_is_one_line_and_runs_nothing(gatetune, tmp_path, command, says):
@@ -67,9 +52,7 @@ def test_a_mistake_is_one_line_and_runs_nothing(gatetune, tmp_path, command, say
         ("budgit: 4\n", "did you mean 'budget'?"),
         ("budget: many\n", "budget is 'many'; it must be a whole number"),
         ("rocks: boulder\n", "rocks is 'boulder'; it must be a list"),
-        ("- budget\n", "must map names to values"),
         ("objective: {metrik: x}\n", "an objective is a metric's path"),
-        ("budget: [4\n", "correct the YAML"),
         ("format: 1\nsettings: {}\n", "has format 1, this version reads"),
     ],
 )
@@ -137,22 +120,6 @@ def test_a_file_chooses_no_code(gatetune, monkeypatch, tmp_path):
         gatetune.ok("--plugin", "foreign.py", "campaign", *arguments)
 
 
-def test_a_drawn_rock_is_named(gatetune):
-    rock = json.loads(gatetune.ok("rocks", "show", "overhang-3", "--json"))
-    assert (rock["name"], rock["split"]) == ("overhang-3", "train")
-
-
-def test_import_list_show_a_rock_of_ones_own(gatetune, tmp_path):
-    path = tmp_path / "stone.ply"
-    rock = trimesh.creation.icosphere(subdivisions=3)
-    rock.vertices *= 1 + 0.1 * np.sin(5 * rock.vertices[:, :1])
-    rock.export(path)
-    assert "my-stone" in gatetune.ok("rocks", "import", path, "--name", "my-stone", "--split", "held-out")
-    assert "my-stone" in gatetune.ok("rocks", "list", "--split", "held-out")
-    assert "1.6" in gatetune.ok("rocks", "show", "my-stone")
-    assert "my-stone" in gatetune.refused("rocks", "import", path, "--name", "my-stone")
-
-
 @pytest.mark.parametrize(
     ("cuda", "asked", "evaluated"), [(False, (), "sgbm"), (True, (), "patchmatch"), (True, ("sgbm",), "sgbm")]
 )
@@ -175,9 +142,7 @@ def test_a_dense_stage_that_cannot_run_is_refused_before_anything_is_written(gat
     ("error", "says"),
     [
         (MemoryError(), "memory ran out"),
-        (RuntimeError("can't start new thread"), "memory ran out"),
         (OSError(errno.ENOSPC, "No space left on device"), "the disk is full"),  # as where a figure is drawn
-        (OSError(errno.EDQUOT, "Disk quota exceeded"), "the disk is full"),
     ],
 )
 def test_what_ran_out_is_one_line(error, says, monkeypatch, capsys):
@@ -207,19 +172,3 @@ def test_this_machine_can_fly(gatetune):
 
 def test_the_version(gatetune):
     assert gatetune.ok("--version").strip() == f"gatetune {metadata.version('gatetune')}"
-
-
-@pytest.mark.parametrize(
-    ("backend", "cards", "said"),
-    [("sgbm", "0", "on the CPU, though"), ("patchmatch", "0", "card 0, one mission")],
-)
-def test_the_first_lines_say_the_dense_stage(monkeypatch, capsys, backend, cards, said):
-    monkeypatch.setenv("CUDA_VISIBLE_DEVICES", cards)
-    monkeypatch.setattr(console, "patchmatch_runs", lambda: True)
-    console.note_dense_stage(
-        mission_kind("photogrammetric"), preset("campaign").with_values({"dense.backend": backend})
-    )
-    out = capsys.readouterr().out
-    assert said in out and "32 photographs takes about" in out
-    console.note_dense_stage(mission_kind("geometric"), preset("campaign"))
-    assert capsys.readouterr().out == ""

@@ -1,26 +1,29 @@
+"""Strategies compared on the same missions: runs, pairs and intervals."""
+
 import dataclasses
 import os
 import signal
 from pathlib import Path
 
-import fake_missions  # noqa: F401  registers the fidelity
+import numpy as np
 import pytest
 from in_process import InProcessExecutor
+from made_evaluations import made_trial
+from scipy import stats
 
-from nbv.config import load_conditions, preset
-from nbv.errors import UserError
+from nbv.config import preset
 from tuner.comparison.plan import EvaluationEvent, EvaluationPlan, evaluation_directory, run_evaluation
 from tuner.comparison.statistics import (
     PAPER_TABLE_I,
     TABLE_I_ROWS,
     TABLE_I_ROWS_OBSERVABLE,
     comparison_table,
+    same_photographs,
     strategy_difference,
-    values_of,
 )
 from tuner.missions.pool import MissionPool
 from tuner.problem.baselines import BASELINES, PAPER_STRATEGIES, baseline_configs
-from tuner.problem.instances import Instance
+from tuner.problem.intervals import mean_interval
 
 BASE = preset("campaign")
 GOOD = BASE.with_values({"gate.budget_fraction": 0.75, "gate.d95_m": 0.04})
@@ -79,26 +82,6 @@ def test_failures_are_counted_and_pairs_are_common_ones(tmp_path: Path) -> None:
     assert again.failures == result.failures and again.elapsed_s < 1.0  # nothing was run again
 
 
-def test_mistakes(tmp_path: Path) -> None:
-    for wrong, said in (
-        ({"strategies": {}}, "no strategy"),
-        ({"strategies": {"../x": BASE}}, "cannot name a strategy"),
-        ({"rocks": ()}, "no rock"),
-        ({"replicates": 0}, "replicates is 0"),
-    ):
-        with pytest.raises(UserError, match=said):
-            plan(**wrong)
-    run_evaluation(plan(), tmp_path / "out", InProcessExecutor())
-    with pytest.raises(UserError, match="holds another evaluation"):
-        run_evaluation(plan(replicates=3), tmp_path / "out", InProcessExecutor())
-    (tmp_path / "foreign").mkdir()
-    (tmp_path / "foreign" / "notes.txt").write_text("mine")
-    with pytest.raises(UserError, match="not an empty directory"):
-        run_evaluation(plan(), tmp_path / "foreign", InProcessExecutor())
-    with pytest.raises(UserError, match="unknown rock 'user'"):
-        run_evaluation(plan(rocks=("user",)), tmp_path / "user", InProcessExecutor())
-
-
 def test_baselines_and_the_papers_table() -> None:
     configs = baseline_configs([name for name in BASELINES if BASELINES[name].plans], BASE)
     assert all(config.gate.kind == name for name, config in configs.items())
@@ -116,27 +99,49 @@ def test_baselines_and_the_papers_table() -> None:
             assert column[f"whole.f_score_{t}mm"] <= 200 * c / (1 + c) + 1.0
 
 
-def test_every_strategy_flies_every_world_and_is_paired(tmp_path: Path) -> None:
-    two = plan(strategies={"tuned": GOOD, "hyb-h": BASE}, conditions=load_conditions(["ideal", "field"]))
-    run = run_evaluation(two, tmp_path / "out", InProcessExecutor())
-    assert run.complete and run.plan.missions == len(run.records) == 24
-    assert {r.instance for r in run.records} == {Instance(r, c) for r in "xyz" for c in ("ideal", "field")}
-    assert (tmp_path / "out/missions/tuned/00_x_field_r1/mission.json").is_file()
-    assert (tmp_path / "out/missions/tuned/00_x_r1/mission.json").is_file()
-    both = strategy_difference(run.records, "tuned", "hyb-h", F48.key)
-    assert both is not None and (both.missions, both.rocks) == (12, 3)
-    field = [r for r in run.records if r.condition == "field"]
-    alone = strategy_difference(field, "tuned", "hyb-h", F48.key)
-    assert alone is not None and alone.missions == 6
-    ours, theirs = (values_of(field, name, F48.key) for name in ("tuned", "hyb-h"))
-    assert alone.mean == pytest.approx(sum(ours[b] - theirs[b] for b in ours) / 6)
-    table = comparison_table(run.records, ("tuned", "hyb-h"), "hyb-h", (F48,))
-    assert table.missions == {"tuned": 12, "hyb-h": 12}
-
-
 def test_another_evaluation_lies_beside_the_first(tmp_path: Path) -> None:
     usual = tmp_path / "evaluation"
     for made, name in ((plan(), "evaluation"), (plan(replicates=3), "evaluation-2"), (plan(), "evaluation")):
         place = evaluation_directory(made, usual)
         assert place == tmp_path / name
         run_evaluation(made, place, InProcessExecutor())
+
+
+def test_closed_forms() -> None:
+    interval = mean_interval({"a": [1.0, 3.0], "b": [4.0], "c": [6.0]})
+    assert interval is not None and interval.low is not None
+    assert interval.mean == pytest.approx(4.0) and interval.method == "rocks"
+    assert interval.low == pytest.approx(4 - stats.t.ppf(0.975, 2) * 2 / np.sqrt(3))
+    fixed = mean_interval({"a": [1.0, 3.0, 5.0], "b": [4.0, 6.0]})
+    assert fixed is not None and fixed.method == "replicates" and fixed.high is not None
+    # pooled variance (8 + 2) / 3 with 3 degrees of freedom, three and two per rock: error = sqrt(10/3 * (1/3 + 1/2)) / 2
+    assert fixed.high == pytest.approx(4.0 + stats.t.ppf(0.975, 3) * np.sqrt(10 / 3 * (1 / 3 + 1 / 2)) / 2)
+    single = mean_interval({"a": [1.0], "b": [2.0]})
+    assert single is not None and single.method == "none" and single.low is None
+    assert mean_interval({}) is None and mean_interval({"a": []}) is None
+
+
+def test_pairs() -> None:
+    outcomes = {
+        "reference": {("a", 0): 10.0, ("a", 1): 20.0, ("b", 0): 30.0, ("c", 0): 5.0},
+        "better": {("a", 0): 12.0, ("a", 1): 21.0, ("b", 0): 29.0, ("d", 0): 0.0},
+    }
+    trials = [
+        made_trial(name, rock, k, measured={"metrics": {"f": value}})
+        for name, own in outcomes.items()
+        for (rock, k), value in own.items()
+    ]
+    difference = strategy_difference(trials, "better", "reference", "f")
+    assert (difference.missions, difference.rocks) == (3, 2)
+    assert difference.mean == pytest.approx((1.5 - 1.0) / 2)
+
+
+@pytest.mark.parametrize(("once", "same"), [(False, {"hyb-h": "b-aware"}), (True, {})])
+def test_strategies_that_took_the_same_photographs_everywhere_are_found(once, same):
+    records = [
+        made_trial(name, rock, k, photographs=name if name == "covis" or (once and k) else f"{rock} {k}")
+        for name in ("covis", "b-aware", "hyb-h")
+        for rock in "abc"
+        for k in (0, 1)
+    ]
+    assert same_photographs(records, ["covis", "b-aware", "hyb-h"]) == same

@@ -1,15 +1,19 @@
-"""The authors' files, every key there and back, and what cannot be said; a route as QGroundControl reads it."""
+"""The authors' files, every key there and back, and what cannot be said; a route as QGroundControl reads it; the command."""
 
+import csv
 import functools
 import itertools
+import json
 import math
 
+import fake_campaigns
 import numpy as np
 import pytest
 import yaml
 
-from nbv.config import MissionConfig, preset
+from nbv.config import MissionConfig, config_from_dict, preset
 from nbv.errors import UserError
+from nbv.geometric import run_geometric_mission
 from nbv.viewpoints import raw_candidates, seed_viewpoints
 from tuner.export.photogrammetry_nbv import (
     BASELINE_AWARE,
@@ -24,7 +28,10 @@ from tuner.export.photogrammetry_nbv import (
     write_text,
 )
 from tuner.export.route import Home, qgc_plan
-from tuner.problem.baselines import scorer_alone
+from tuner.export.table import write_rows
+from tuner.problem.baselines import label, scorer_alone
+from tuner.problem.observations import short
+from tuner.problem.space_files import load_search_space
 
 # Their rock stands 8 m east of the take-off point; our world is turned, so that it lies north of it there.
 PAPER_CODE = preset("paper-code").with_values({"flight.home_m": [-8.0, 0.0, 0.0]})
@@ -267,18 +274,6 @@ def test_a_route_across_180_degrees_stays_within_them(longitude_deg, east_m):
     assert (there - longitude_deg + 180) % 360 - 180 == pytest.approx(east_m / 106460, rel=1e-3, abs=1e-9)
 
 
-@pytest.mark.parametrize("place", [(91.0, 0.0), (0.0, 200.0), (math.nan, 0.0)])
-def test_a_home_that_is_not_on_the_map_is_refused(place):
-    with pytest.raises(UserError, match="not on the map"):
-        Home(*place)
-
-
-@pytest.mark.parametrize("altitude_m", [math.nan, math.inf])
-def test_a_home_at_no_altitude_is_refused(altitude_m):
-    with pytest.raises(UserError, match="altitude of home"):
-        Home(46.0, 7.0, altitude_m)
-
-
 @pytest.mark.parametrize(
     ("values", "says"),
     [
@@ -291,3 +286,80 @@ def test_a_home_at_no_altitude_is_refused(altitude_m):
 )
 def test_a_gate_that_cannot_switch_is_named_as_the_scorer_that_it_is(values, says):
     assert scorer_alone(CONFIG.with_values(values)) == says
+
+
+@pytest.fixture(scope="module")
+def campaign(tmp_path_factory):
+    directory = tmp_path_factory.mktemp("runs") / "c"
+    return fake_campaigns.run(directory, space=load_search_space("upstream"))
+
+
+def test_every_export_says_the_same(gatetune, campaign, tmp_path):
+    best = campaign.recommendation(save=False)
+    name = campaign.settings.problem.answers[-1].name
+    wanted = campaign.recommended_config(name)
+    trees = {}
+    for kind in ("gatetune.yaml", "scoring.yaml", "unified_mission.yaml"):
+        asked = ("export", campaign.directory, "--strategy", name, "--to", kind)
+        trees[kind] = json.loads(gatetune.ok(*asked, "--json", "--out", tmp_path / kind))
+        assert trees[kind]["wrote"] == str(tmp_path / kind)
+    assert config_from_dict(yaml.safe_load((tmp_path / "gatetune.yaml").read_text())) == wanted
+    for kind, write in {"scoring.yaml": write_scoring, "unified_mission.yaml": write_mission}.items():
+        text = (tmp_path / kind).read_text()
+        assert yaml.safe_load(text) == yaml.safe_load(write_text(write(wanted)[0], kind))
+    listed = json.loads(gatetune.ok("export", campaign.directory, "--strategy", name, "--json"))
+    assert {path: listed["values"][path] for path in best.changed} == {
+        path: best.values[path] for path in best.changed
+    }
+    assert {f["name"]: f["carried"] for f in listed["files"]} == {k: t["carried"] for k, t in trees.items()}
+    exported = gatetune.ok("export", campaign.directory, "--strategy", name)
+    assert all(f"{path} {short(best.values[path])} (default " in exported for path in best.changed)
+
+
+def test_a_strategy_that_is_named_is_what_is_said_and_written(gatetune, campaign, tmp_path):
+    """And no other one's advice stands above it."""
+    out = tmp_path / "orbit.yaml"
+    asked = ("export", campaign.directory, "--strategy", "orbit", "--to", "gatetune.yaml")
+    said = gatetune.ok(*asked, "--out", out)
+    config = config_from_dict(yaml.safe_load(out.read_text()))
+    assert (config.seed.lowest_deg, config.planned_views) == (10.0, 0)
+    assert f"{label('orbit')}: " in said and "Fly " not in said
+    assert f"seeds {config.seeds} (default {campaign.settings.problem.base.seeds})" in said
+
+
+def test_a_route_repeats_views_flown_again_but_no_unfinished_mission(gatetune, tmp_path):
+    run, seeds = tmp_path / "mission", {"seeds": 16, "seed.layout": "turn", "seed.lowest_deg": 20.0}
+    again = {"gate.kind": "movement-only", "pool.revisit_exclusion_m": 0.0, "photographs": 18}
+    run_geometric_mission(preset("campaign").with_values({**seeds, **again}), "slab", 0, run)
+    asked = ("export", run, "--to", "plan", "--home", "1,2")
+    assert "18 photographs (16 seeds, then 2 planned" in gatetune.ok(*asked)
+    items = json.loads((run / "route.plan").read_text())["mission"]["items"]
+    places = [item["params"][4:] for item in items if item["command"] == 16 and item["params"][0] > 0]
+    assert len(places) == 18 and places[16] == places[17]
+    (run / "mission.json").unlink()
+    assert "holds no mission.json; name the directory of a finished mission" in gatetune.refused(*asked)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (("--to", "plan"), "plan needs it"),
+        (("--to", "plan", "--home", "north"), "LATITUDE,LONGITUDE"),
+        (("--to", "plan", "--home", "1,2,nan"), "the altitude of home is nan"),
+        (("--to", "plan", "--home", "91,0"), "not on the map"),
+        (("--strategy", "orbitt", "--to", "gatetune.yaml"), "did you mean"),
+        (("--to", "scoring.yaml", "--out", "no/where.yaml"), "is not a folder"),
+    ],
+)
+def test_a_mistake_is_one_line(gatetune, campaign, arguments, says):
+    assert says in gatetune.refused("export", campaign.directory, *arguments)
+
+
+def test_names_are_no_formulas_for_a_spreadsheet(gatetune, tmp_path):
+    run = fake_campaigns.run(tmp_path / "run", sampler="sobol", budget=2, rocks=("=1+1", "b")).directory
+    gatetune.ok("export", run, "--to", "csv")
+    with (run / "missions.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert [row["rock"] for row in rows] == ["'=1+1", "b"]
+    table = write_rows(tmp_path / "t.csv", ("@name", "n"), [("-x", -1.5), ("+1", 2), ("a=b", -3)])
+    assert table.read_text() == "'@name,n\n'-x,-1.5\n'+1,2\na=b,-3\n"

@@ -57,9 +57,7 @@ def test_damaged_files_are_read_or_refused(target: str, place: Path, monkeypatch
 
 
 @pytest.mark.parametrize("path", FOUND, ids=lambda path: f"{path.parent.name}-{path.name}")
-def test_what_was_found_is_read_or_refused(
-    path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_was_found_is_read_or_refused(path, tmp_path, monkeypatch):
     monkeypatch.setenv("GATETUNE_HOME", str(tmp_path / "home"))
     target = next(t for t in fuzz.TARGETS if fuzz.folder_of(t) == path.parent.name)
     outcome, what = fuzz.run_case(target, path.read_bytes(), tmp_path)

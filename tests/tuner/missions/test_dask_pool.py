@@ -1,3 +1,5 @@
+"""Missions on a real Dask cluster, with plug-ins: none is lost, what hangs or is not there fails clearly."""
+
 import collections
 import gc
 import json
@@ -6,20 +8,19 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
+import every_part
 import numpy as np
 import psutil
 import pytest
-
-pytest.importorskip("distributed", reason="pip install 'gatetune[cluster]'")
-
-from collections.abc import Callable
-from typing import Any
-
 from fake_campaigns import settings
 from test_pool import job, run_jobs
 
+from nbv import plugins
+from nbv.config import preset
 from nbv.errors import UserError
 from nbv.rocks.catalogue import read_rock, write_rock
 from nbv.rocks.rock import make_rock
@@ -28,6 +29,10 @@ from tuner.campaign.campaign import Campaign, CampaignEvent
 from tuner.campaign.session import run_campaign
 from tuner.missions import dask_pool
 from tuner.missions.dask_pool import DaskPool
+from tuner.missions.job import MissionJob
+
+pytest.importorskip("distributed", reason="pip install 'gatetune[cluster]'")
+
 
 MISSIONS = 12
 COORDINATOR = """
@@ -130,9 +135,7 @@ def test_no_mission_is_lost_or_entered_twice(tmp_path: Path, monkeypatch: pytest
         assert (trial.record.directory / "run.txt").read_text() == "run\n"
 
 
-def test_own_rocks_reach_workers_and_other_versions_are_refused(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_own_rocks_reach_workers_and_other_versions_are_refused(tmp_path, monkeypatch):
     corners = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1.0]])
     sides = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
     own = make_rock("own", corners, sides, np.full((4, 3), 0.5), split="train", difficulty="mine")
@@ -177,3 +180,67 @@ def test_a_mission_that_nobody_waits_for_ends_on_its_worker(tmp_path: Path) -> N
         pid = int(wait_for(started.read_text))
         future.cancel()
         wait_for(lambda: not psutil.pid_exists(pid), within_s=5.0)
+
+
+REGISTERS = """
+from nbv.config import Weights
+from nbv.plugins import register
+from nbv.scorers import Scorer
+
+def high(terms, pool, config):
+    return pool.positions_m[:, 2] / 8.0
+
+register("scorers", "high", Scorer("high", high, weights=lambda config: Weights()))
+"""
+
+
+@pytest.fixture
+def brought(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """An installed distribution, and a file that registers scorers of its own; the former's module."""
+    file = every_part.install(tmp_path / "site")
+    monkeypatch.syspath_prepend(tmp_path / "site")
+    (tmp_path / "registers_scorers.py").write_text(REGISTERS)
+    monkeypatch.setattr(plugins, "_registered", {})
+    monkeypatch.setattr(sys, "path", [*sys.path])
+    plugins.installed.cache_clear()
+    plugins.use(str(tmp_path / "registers_scorers.py"))
+    yield file
+    plugins.installed.cache_clear()
+    for name in ("registers_scorers", "every_part_module"):
+        sys.modules.pop(name, None)
+
+
+def plugin_job(tmp_path: Path, kind: str, fidelity: str = "geometric", rock: str = "slab") -> MissionJob:
+    config = preset("campaign").with_values({"gate.kind": kind, "photographs": 26})
+    return MissionJob(kind, config, rock, 0, tmp_path / "missions" / kind, fidelity=fidelity)
+
+
+@pytest.mark.slow
+def test_installed_and_registered_plug_ins_run_on_dask_and_others_are_refused(tmp_path, brought):
+    sys.path.remove(str(tmp_path))  # workers find the file by what they are told
+    with Cluster(tmp_path, 1) as cluster, DaskPool(cluster.address, 60.0) as executor:
+        jobs = [plugin_job(tmp_path, "low", "counted", "egg-5"), plugin_job(tmp_path, "high")]
+        ended = run_jobs(executor, jobs)
+        assert {trial.record.status for trial in ended.values()} == {"ok"}, [
+            t.record.message for t in ended.values()
+        ]
+        assert ended["low"].metrics["views"] == 1.0, "the fidelity of the plug-in"
+        for name in ("low", "high"):
+            trace = (tmp_path / "missions" / name / "mission.json").read_text()
+            assert f"scorers/{name}" in trace
+        brought.write_text(every_part.PARTS + "\n# changed\n")
+        plugins.installed.cache_clear()
+        with pytest.raises(UserError, match=r"the code of scorer 'low' of every-part 1.2 is .* there"):
+            run_jobs(executor, [plugin_job(tmp_path, "low")])
+
+
+@pytest.mark.slow
+def test_a_worker_without_the_plug_in_says_so_once(tmp_path: Path, brought: Path) -> None:
+    sys.path.remove(str(tmp_path / "site"))
+    with Cluster(tmp_path, 1) as cluster:
+        sys.path.insert(0, str(tmp_path / "site"))
+        with (
+            DaskPool(cluster.address, 60.0) as executor,
+            pytest.raises(UserError, match=r"a worker refuses: gate\.kind is 'low'"),
+        ):
+            run_jobs(executor, [plugin_job(tmp_path, "low")])

@@ -1,10 +1,8 @@
 import itertools
-import math
 
 import numpy as np
 import pytest
 import synthetic
-from gpytorch.kernels import MaternKernel
 
 from tuner.problem.instances import Instance, instances_over
 from tuner.problem.observations import Observation
@@ -105,23 +103,6 @@ def test_a_trend_reaches_where_nothing_was_flown() -> None:
     )
     assert abs(with_trend.mean[0] - truth) < 0.15 * truth
     assert abs(with_trend.mean[0] - truth) < 0.5 * abs(without.mean[0] - truth)
-
-
-def test_sparse_model_switches_parameters_off() -> None:
-    """Only the first parameter matters; the sparse prior knows it from fewer missions."""
-    rng = np.random.default_rng(1)
-    history = []
-    for i in range(24):
-        u = rng.random(2)
-        y = math.sin(6 * u[0]) + 0.05 * rng.normal()
-        history.append(Observation(i, synthetic.SPACE.from_unit(u), "r0", 0, y, y))
-    ratio = {}
-    for sparse in (False, True):
-        model = InstanceMeanGP(synthetic.SPACE, history, (Instance("r0"),), sparse=sparse)
-        (matern,) = (k for k in model.model.covar_module.modules() if isinstance(k, MaternKernel))
-        first, second = matern.lengthscale[0].tolist()
-        ratio[sparse] = second / first
-    assert ratio[True] > 9 and ratio[True] > ratio[False]
 
 
 def test_many_missions_are_believed_as_by_the_exact_model(monkeypatch: pytest.MonkeyPatch) -> None:

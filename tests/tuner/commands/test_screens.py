@@ -1,3 +1,5 @@
+"""What commands print: as JSON, and on a terminal."""
+
 import json
 import os
 import signal
@@ -11,16 +13,64 @@ import fake_campaigns
 import pytest
 import typer
 
-from tuner.campaign.begin import begin_campaign
+from nbv.config import preset
+from nbv.rocks import list_rocks
 from tuner.campaign.campaign import Campaign, CampaignEvent
 from tuner.campaign.settings import CampaignSettings
 from tuner.cli import app
 from tuner.commands import evaluate
-from tuner.commands.campaign_display import CampaignProgress, event_line, expected_s, mission_line
+from tuner.commands.campaign_display import event_line, mission_line
+from tuner.commands.console import output
 from tuner.comparison.plan import EvaluationPlan
 from tuner.missions.job import Record, Trial
-from tuner.missions.registry import mission_kind
 from tuner.problem.space_files import load_search_space
+
+
+def shown(gatetune: Any, *command: Any) -> Any:
+    return json.loads(gatetune.ok(*command, "--json"))
+
+
+def test_rocks(gatetune: Any) -> None:
+    listed = shown(gatetune, "rocks", "list", "--split", "held-out")
+    assert [r["name"] for r in listed] == [r.name for r in list_rocks() if r.split == "held-out"]
+    assert shown(gatetune, "rocks", "show", "slab")["extents_m"][2] == pytest.approx(1.6)
+
+
+def test_a_configuration(gatetune: Any) -> None:
+    tree = shown(gatetune, "config", "show", "--preset", "campaign", "--set", "gate.d95_m=0.2")
+    rows = {row["path"]: row for row in tree["parameters"]}
+    assert rows["gate.d95_m"]["value"] == 0.2 and rows["gate.d95_m"]["source"] == "--set"
+    assert rows["photographs"]["value"] == preset("campaign").photographs
+    assert rows["photographs"]["source"].endswith("preset campaign")
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("runs")
+    fake_campaigns.run(folder / "one", name="one").recommendation()
+    fake_campaigns.run(folder / "two", name="two", rocks=("c",), budget=2, sampler="sobol")
+    (folder / "broken").mkdir()
+    (folder / "broken" / "campaign.yaml").write_text("format: 0")
+    return folder
+
+
+def test_campaigns_are_listed_with_their_answers(gatetune, runs, monkeypatch):
+    rows = {Path(row["directory"]).name: row for row in shown(gatetune, "campaign", "list", runs)}
+    assert list(rows) == ["broken", "one", "two"]
+    assert rows["broken"]["answer"].startswith("cannot be read: ")
+    assert (rows["one"]["finished"], rows["one"]["budget"]) == (9, 9)
+    gatetune.ok("campaign", "status", runs / "one")
+    assert "not computed yet" in rows["one"]["answer"]
+    (runs / "two" / "answer.json").write_text('{"fly": 3')
+    damaged = {Path(row["directory"]).name: row for row in shown(gatetune, "campaign", "list", runs)}["two"]
+    assert damaged["budget"] == 2 and "cannot be read" not in damaged["answer"]
+    again = {Path(row["directory"]).name: row for row in shown(gatetune, "campaign", "list", runs)}["one"]
+    assert again["answer"].startswith("9 of 9 missions, tuned for f_score: fly ")
+    monkeypatch.setattr(output, "width", 80)
+    narrow = gatetune.ok("campaign", "list", runs).splitlines()
+    assert "9 of 9 missions, tuned for f_score" in "\n".join(narrow)
+    assert max(len(line) for line in narrow if not line.startswith("/")) <= 80 and "…" not in "".join(narrow)
+
 
 SETTINGS: CampaignSettings = fake_campaigns.settings(space=load_search_space("gate_and_weights"))
 
@@ -39,23 +89,7 @@ def test_an_event_is_one_json_object() -> None:
     assert tree["value"] is None and set(tree["values"]) == set(SETTINGS.space.paths)
 
 
-def test_before_anything_runs_it_is_said_how_many_and_how_long_and_then_how_far(tmp_path: Path) -> None:
-    asked = fake_campaigns.settings(fidelity="photogrammetric", rocks=("slab",))
-    ours = begin_campaign(tmp_path / "ours", asked)
-    config, rendered_s = ours.settings.problem.base, mission_kind("photogrammetric").seconds
-    assert expected_s(ours, 2) == pytest.approx(rendered_s(config) * 9 / 2)
-    longer = config.with_values({"photographs": 64})
-    assert rendered_s(longer) == pytest.approx(2 * rendered_s(config))  # 64 photographs, and 32
-    progress = CampaignProgress(SETTINGS)
-    progress(replace(event("launched", directory=tmp_path / "m"), finished=0, elapsed_s=0.4))
-    (tmp_path / "m").mkdir()
-    (tmp_path / "m" / "progress.txt").write_text("11/32\n12/32\n")
-    assert progress.description() == "0/9, runs a r1 (photograph 12/32)"
-
-
-def test_confirm_flies_both_with_replicates_nobody_has_flown(
-    gatetune: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_confirm_flies_both_with_replicates_nobody_has_flown(gatetune, tmp_path, monkeypatch):
     space = load_search_space("gate")
     run = fake_campaigns.run(tmp_path / "run", space=space, sampler="sobol", budget=8, replicates=2)
     plans: list[EvaluationPlan] = []

@@ -1,22 +1,24 @@
-"""The scorers' equations on states small enough to work out by hand; `test_golden_scorers` has the authors' numbers."""
+"""The scorers against the authors' numbers (tests/data/golden_scorers) and against closed forms."""
 
 from __future__ import annotations
 
 import functools
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 import scoring_state
-from scoring_state import synthetic_state
+from scoring_state import sparse_model
 
 from nbv import gates, scene, scorers
-from nbv.config import DENSE_BACKENDS, GATES, RENDERERS, SCORERS, BAwareConfig, MissionConfig
+from nbv.config import DENSE_BACKENDS, GATES, RENDERERS, SCORERS, BAwareConfig, MissionConfig, Weights
 from nbv.dense import reconstruct
 from nbv.errors import MissionFailure, UserError
 from nbv.scorers import Rankings
 from nbv.scorers.registry import geometry_gain, mean_neighbour_distance
 from nbv.scorers.scorer import angular_penalty, box_points, novelty
-from nbv.types import PlanningState, SparseModel
+from nbv.types import CandidatePool, PlanningState, SparseModel
 
 TARGET = np.array([0.0, 0.0, 0.8])
 
@@ -125,10 +127,86 @@ def test_the_names_of_a_configuration_are_those_of_the_parts() -> None:
 
 
 def test_the_papers_two_are_always_ranked_others_when_asked_for() -> None:
-    state, pool = synthetic_state(400, MissionConfig())
+    state, pool = state_of(TARGET[None], [[0, 1]], ring([0.0, 40.0])), pool_at(ring([20.0, 180.0]))
     rankings = Rankings(state, pool, MissionConfig())
     assert tuple(rankings) == ("covis", "b-aware")
     assert rankings["predicted"] is rankings["predicted"]
     assert tuple(rankings) == ("covis", "b-aware", "predicted")
     with pytest.raises(UserError, match="unknown scorer 'predictet'; there are covis, b-aware, predicted"):
         rankings["predictet"]
+
+
+GOLDEN = Path(__file__).parents[2] / "data" / "golden_scorers"
+NAMES = [
+    "15016_seed_paper_weights",
+    "15016_40_views_paper_weights",
+    "15016_40_views_low_novelty_10deg_ring",
+    "65035_40_views_other_weights",
+]
+CASES = {  # golden array -> (scorer, alphas)
+    "covis": ("covis", (0.6, 0.4, 0.0)),
+    "baware_paper": ("b-aware", (0.6, 0.4, 0.0)),
+    "baware_head": ("b-aware", (0.5, 0.3, 0.2)),
+}
+
+
+def load(name: str) -> dict[str, np.ndarray]:
+    with np.load(GOLDEN / f"{name}.npz") as data:
+        return {key: data[key] for key in data.files}
+
+
+def state_and_pool(z: dict[str, np.ndarray]) -> tuple[PlanningState, CandidatePool]:
+    order = np.argsort(z["track_point"], kind="stable")
+    lengths = np.bincount(z["track_point"], minlength=len(z["points_m"]))
+    tracks = np.split(z["track_camera"][order], np.cumsum(lengths)[:-1])
+    centers = z["camera_centers_m"]
+    model = sparse_model(z["points_m"], tracks, centers, z["reproj_error_px"])
+    state = PlanningState(
+        model=model,
+        visited_m=centers,
+        n_seeds=24,
+        vehicle_position_m=z["vehicle_position_m"],
+        vehicle_heading_rad=float(z["vehicle_heading_rad"]),
+        captures_used=len(centers) - 24,
+        planned_views=40,
+        d95_m=0.1,
+        iteration=0,
+    )
+    return state, scoring_state.pool_at(z["candidates_m"], z["target_m"])
+
+
+def config_for(weights: np.ndarray, alphas: tuple[float, float, float]) -> MissionConfig:
+    w = Weights(*(float(v) for v in weights))
+    config = MissionConfig()
+    return replace(
+        config,
+        covis=replace(config.covis, weights=w),
+        b_aware=replace(
+            config.b_aware,
+            weights=w,
+            alpha_track=alphas[0],
+            alpha_density=alphas[1],
+            alpha_reprojection=alphas[2],
+        ),
+    )
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("case", CASES)
+def test_terms_scores_and_ranks_equal_the_reference(name: str, case: str) -> None:
+    z = load(name)
+    scorer, alphas = CASES[case]
+    state, pool = state_and_pool(z)
+    ours = Rankings(state, pool, config_for(z["weights"], alphas))[scorer]
+
+    expected = z[case]
+    for column, term in enumerate(("main", "nov", "move", "ang")):
+        np.testing.assert_allclose(ours.terms[term], expected[:, column], rtol=0, atol=1e-6, err_msg=term)
+    np.testing.assert_allclose(ours.scores, expected[:, 4], rtol=0, atol=1e-6)
+
+    # Ranks are equal except among candidates whose reference scores tie (to rounding).
+    reference = z[f"{case}_rank"]
+    differing = ours.order != reference
+    gap = np.abs(expected[ours.order[differing], 4] - expected[reference[differing], 4])
+    assert (gap < 1e-9).all(), (ours.order[differing], reference[differing], gap)
+    assert sorted(ours.order) == list(range(len(pool)))
