@@ -153,7 +153,9 @@ def table_lines(table: AnswerTable, metric: str, fly: str = "", *, narrow: bool 
     ]
     flown_reference = any(row.strategy == table.reference for row in table.rows)
     columns.append(f"from {label(table.reference) if flown_reference else 'default'}")
-    columns.append(f"from {label(table.best_plain)}" if table.best_plain else "from best")
+    against_plain = table.best_plain != table.reference
+    if against_plain:
+        columns.append(f"from {label(table.best_plain)}" if table.best_plain else "from best")
     digits = 1 if unit.unit in ("%", "mm") else 3
     rows, kind = list[Row](), ""
     for row in table.rows:
@@ -164,8 +166,9 @@ def table_lines(table: AnswerTable, metric: str, fly: str = "", *, narrow: bool 
             *(() if narrow else [format_number(c, 0) for c in (row.photographs, row.planned, row.flight_s)]),
             *(format_number(row.means.get(m), digits) for m in means),
             difference_text(row.from_reference, digits) if row.from_reference else "–",
-            difference_text(row.from_baseline, digits) if row.from_baseline else "–",
         ]
+        if against_plain:
+            texts.append(difference_text(row.from_baseline, digits) if row.from_baseline else "–")
         flown = row.strategy == fly
         name = f"{FLY_MARK} {row.label}" if flown else f"  {row.label}"
         rows.append(Row(name, tuple(map(Cell, texts)), best=flown))
