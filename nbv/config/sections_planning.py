@@ -239,7 +239,7 @@ class BAwareConfig(Section):
 
 @dataclass(frozen=True)
 class PredictedConfig(Section):
-    """Not in the paper: what the dense cloud is predicted to lack (`nbv.scorers.predicted`)."""
+    """Not in the paper: what the dense cloud is predicted to lack (`nbv.scorers.prediction`)."""
 
     weights: Weights = field(default_factory=Weights)
 

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.spatial import ConvexHull
+from scipy.spatial import ConvexHull, cKDTree
 
 from nbv.config import DenseConfig, MissionConfig
 from nbv.geometry.carving import Solid, carved
@@ -22,10 +22,14 @@ from nbv.geometry.frames import angles_deg, directions_from
 from nbv.geometry.stereo_chance import good_view, logistic, reconstruction_probability
 from nbv.geometry.visibility import OBSERVABLE_MAX_INCIDENCE_DEG, in_frustum, incidences_deg, usable_angles
 from nbv.process import keyed_rng
-from nbv.scorers.surface import FEWEST_POINTS, GROUND_CLEARANCE_M, ball, points_on_rock
 from nbv.types import Bools, Floats, Floats32, SparseModel
 from nbv.viewpoints import camera_shell
 
+GROUND_CLEARANCE_M = 0.05  # points below are ground, which is at z = 0 to a few centimetres
+STRAY_NEIGHBOURS = 10  # a point whose 10th neighbour is three times as far as usual is a stray
+STRAY_SPACINGS = 3.0
+BALL_POINTS = 200
+FEWEST_POINTS = 20  # fewer say nothing of a shape
 SAMPLES = 600
 CELLS = 28  # of the height of the surface
 MOST_KNOWN, MOST_LINES = 60_000, 60_000  # places with depth, and lines of sight, that it is made from
@@ -252,3 +256,25 @@ def _visibility(
 def _log_odds(share: float) -> float:
     inside = min(max(share, _LEAST_SHARE), 1.0 - _LEAST_SHARE)
     return float(np.log(inside / (1.0 - inside)))
+
+
+def points_on_rock(points_m: Floats, config: MissionConfig) -> Floats:
+    """(K, 3) of points (N, 3) those above the ground within the dense stage's crop around the target, less strays."""
+    offset = np.abs(points_m[:, :2] - config.target_m[:2])
+    near = (offset.max(axis=1, initial=0.0) <= config.dense.crop_half_width_m) & (
+        points_m[:, 2] > GROUND_CLEARANCE_M
+    )
+    points = points_m[near]
+    if len(points) > STRAY_NEIGHBOURS:
+        distance = cKDTree(points).query(points, k=STRAY_NEIGHBOURS + 1)[0][:, -1]
+        points = points[distance <= STRAY_SPACINGS * np.median(distance)]
+    return points
+
+
+def ball(config: MissionConfig) -> Floats:
+    """(BALL_POINTS, 3) evenly on the sphere about the target that touches the ground (Fibonacci lattice)."""
+    k = np.arange(BALL_POINTS) + 0.5
+    up, bearing = 1.0 - 2.0 * k / BALL_POINTS, k * np.pi * (3.0 - np.sqrt(5.0))
+    level = np.sqrt(1.0 - up**2)
+    directions = np.column_stack([level * np.cos(bearing), level * np.sin(bearing), up])
+    return np.array(config.target_m) + config.target_m[2] * directions

@@ -6,8 +6,7 @@ import numpy as np
 
 from nbv.config import SCORERS, BAwareConfig, MissionConfig
 from nbv.geometry.visibility import neighbour_distances
-from nbv.scorers.predicted import PREDICTED
-from nbv.scorers.prediction import Prediction
+from nbv.scorers.prediction import Prediction, predict
 from nbv.scorers.scorer import Scorer, SharedTerms, shared_terms
 from nbv.types import CandidatePool, Floats, PlanningState, Ranking, SparseModel
 
@@ -112,6 +111,18 @@ def repair_share(terms: SharedTerms, pool: CandidatePool, config: MissionConfig)
 
 
 B_AWARE = Scorer("b-aware", repair_share, weights=lambda config: config.b_aware.weights)
+
+
+# Predicted: how much of what the dense cloud will lack a candidate reconstructs, for each photograph. It is not in the paper.
+
+
+def expected_gain_share(terms: SharedTerms, pool: CandidatePool, config: MissionConfig) -> Floats:
+    """(C,) share of what will be missing that a photograph from each candidate reconstructs."""
+    prediction = terms.prediction or predict(terms.model, config)
+    return prediction.expected_gain(pool.positions_m, terms.left)
+
+
+PREDICTED = Scorer("predicted", expected_gain_share, weights=lambda config: config.predicted.weights)
 
 
 BUILT_IN = {scorer.name: scorer for scorer in (COVIS, B_AWARE, PREDICTED)}

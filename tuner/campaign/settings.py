@@ -27,8 +27,7 @@ from tuner.problem.instances import require_rocks
 from tuner.problem.observations import MAX_MISSIONS, MAX_REPLICATES, Block, Proposal
 from tuner.problem.search_space import SearchSpace
 from tuner.problem.space_files import available_search_spaces, load_search_space, space_from_dict
-from tuner.samplers.base import SamplerSettings, initial_design_size
-from tuner.samplers.registry import SAMPLERS
+from tuner.samplers.base import SAMPLERS, SamplerSettings, initial_design_size
 
 # Panels of the command's help.
 WHAT, MISSION, SEARCH, WHERE = "What is tuned", "How missions run", "How long, how it searches", "Execution"

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
+from nbv.plugins import Registry
 from tuner.problem.goal import Goal
 from tuner.problem.observations import Block, Observation, Proposal, configuration_key, next_block
 from tuner.problem.search_space import MANY_PARAMETERS, Problem, SearchSpace, Values
@@ -101,7 +102,7 @@ class Sampler(Protocol):
 
     @property
     def name(self) -> str:
-        """Its name in `tuner.samplers.registry`."""
+        """Its name in `SAMPLERS`."""
 
     def ask(self, history: Sequence[Observation], pending: Sequence[Observation]) -> Proposal:
         """Return the next configuration, given all finished missions and those in flight."""
@@ -215,3 +216,21 @@ def _without_default(settings: SamplerSettings, missions: Sequence[Observation])
         has_default = configuration_key(space, m.values) == default
         evaluated[block] = evaluated.get(block, False) or has_default
     return next((block for block, has_default in evaluated.items() if not has_default), None)
+
+
+# A class each, made of its settings and its name.
+BUILT_IN = {
+    "gp": "tuner.samplers.gp:GPSampler",
+    "sobol": "tuner.samplers.base:PlainSampler",
+    "random": "tuner.samplers.base:PlainSampler",
+}
+SAMPLERS = Registry("samplers", BUILT_IN)
+
+
+def make_sampler(name: str, settings: SamplerSettings) -> Sampler:
+    """Return the sampler called ``name``.
+
+    Raises `UserError`: no such sampler, or one (of a plug-in) that cannot handle the search space.
+    """
+    sampler: Sampler = SAMPLERS.load(name, BUILT_IN)(settings, name)
+    return sampler

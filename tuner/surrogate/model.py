@@ -207,11 +207,6 @@ class InstanceMeanGP:
         return math.sqrt(shared_variance(self.model.covar_module, self.space.dimension + 1)) * self.mean_scale
 
     @property
-    def one_mission_sd(self) -> float:
-        """Standard deviation of one mission on a new block, objective's unit."""
-        return math.hypot(self.noise_sd, self.block_sd)
-
-    @property
     def mean_scale(self) -> float:
         """Objective's unit per unit of the common landscape, mean over the training instances."""
         return float(np.mean([self.standardiser.scale(instance.rock) for instance in self.instances]))

@@ -20,7 +20,7 @@ from tuner.problem.space_files import load_search_space
 from tuner.problem.standardise import winsorised
 from tuner.recommendation.choose import may_be_recommended, recommend
 from tuner.recommendation.recommendation import Recommendation
-from tuner.samplers.registry import make_sampler
+from tuner.samplers.base import make_sampler
 
 ROCKS = ("r0", "r1", "r2")
 

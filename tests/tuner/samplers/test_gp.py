@@ -24,9 +24,9 @@ from tuner.problem.search_space import TUNED, Problem, Region, Values
 from tuner.problem.space_files import space_from_dict
 from tuner.recommendation.choose import recommend
 from tuner.recommendation.recommendation import Recommendation
+from tuner.samplers.base import make_sampler
 from tuner.samplers.earlier_missions import EarlierMissions
 from tuner.samplers.gp import verification
-from tuner.samplers.registry import make_sampler
 from tuner.surrogate.model import InstanceMeanGP
 
 DRAWS = 4096
