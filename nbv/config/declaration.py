@@ -18,6 +18,7 @@ from dataclasses import dataclass
 from operator import attrgetter
 from typing import Annotated, Any, Literal, TypeVar, cast
 
+import msgspec
 from msgspec import Meta
 
 from nbv.errors import UserError
@@ -55,12 +56,21 @@ _UNITS = {
     "rad_s2": "rad/s²",
     "rad_s3": "rad/s³",
 }
+
+
 _KINDS = {
-    bool: "true or false",
-    int: "a whole number",
-    float: "a number",
-    str: "a text",
-    dict: "a mapping",
+    "`array`": "a list",
+    "`bool`": "true or false",
+    "`float": "a number`",
+    "`int": "a whole number`",
+    "`object`": "a mapping",
+    "`str`": "a text",
+    " | null": "",
+    "`": "",
+    ">= ": "of at least ",
+    "<= ": "of at most ",
+    "> ": "above ",
+    "< ": "below ",
 }
 
 
@@ -126,16 +136,12 @@ class Declaration:
         return f"{self.meaning}: {', '.join(self.choices)}" if self.choices else self.meaning
 
     def check(self, value: Any) -> None:
-        """Raise `UserError`, which begins with the path, where ``value`` is none of the choices or beyond a bound."""
-        allowed = self.choices if self.names is None else self.names()
-        if isinstance(value, str) and value not in allowed and (self.names is not None or self.choices):
+        """Raise `UserError`, which begins with the path, where ``value`` is of another kind, beyond a bound, or none of the choices."""
+        if self.read is None:
+            value_of(self.kind, value, self.path)
+        if self.names is not None and isinstance(value, str) and value not in self.names():
             more = ", or a plug-in that is installed or named with gatetune --plugin" if self.plugins else ""
-            raise UserError(f"{self.path} is {value!r}; allowed: {', '.join(allowed)}{more}")
-        bounds = _bounds(self.kind)
-        if bounds is not None and value is not None:
-            items = value if isinstance(value, tuple) else (value,)
-            if not all(_is_within(bounds, item) for item in items):
-                raise UserError(f"{self.path} is {value!r}; it must be {_in_words(bounds)}")
+            raise UserError(f"{self.path} is {value!r}; allowed: {', '.join(self.names())}{more}")
         if self.limit is not None:
             require(value, self.limit, self.path)
 
@@ -143,7 +149,7 @@ class Declaration:
         """Return the value of a YAML form; `UserError`, which names ``source`` and path, where it is of another kind."""
         if self.read is not None:
             return self.read(raw, source)
-        return coerce(self.kind, raw, f"{source}: {self.path}" if source else self.path)
+        return value_of(self.kind, raw, f"{source}: {self.path}" if source else self.path)
 
     def to_yaml(self, value: Any) -> Any:
         """Return the inverse of `from_yaml`."""
@@ -183,34 +189,6 @@ def unbounded(kind: Any) -> Any:
         return kind.__origin__
     optional = typing.get_origin(kind) in (types.UnionType, typing.Union)
     return unbounded(typing.get_args(kind)[0]) if optional else kind
-
-
-def _bounds(kind: Any) -> Meta | None:
-    """The bounds in a type: its own, or those of the items of a tuple, or of what may be left out."""
-    if typing.get_origin(kind) is Annotated:
-        return cast(Meta, kind.__metadata__[0])
-    return next(filter(None, map(_bounds, typing.get_args(kind))), None)
-
-
-def _is_within(bounds: Meta, value: float) -> bool:
-    return (
-        (bounds.ge is None or value >= bounds.ge)
-        and (bounds.gt is None or value > bounds.gt)
-        and (bounds.le is None or value <= bounds.le)
-        and (bounds.lt is None or value < bounds.lt)
-    )
-
-
-def _in_words(bounds: Meta) -> str:
-    if bounds.ge is not None and bounds.le is not None:
-        return f"between {bounds.ge:g} and {bounds.le:g}"
-    words = {
-        "0 or more" if bounds.ge == 0 and bounds.lt is None else "at least {:g}": bounds.ge,
-        "positive" if bounds.gt == 0 and bounds.le is None else "above {:g}": bounds.gt,
-        "at most {:g}": bounds.le,
-        "below {:g}": bounds.lt,
-    }
-    return " and ".join(text.format(bound) for text, bound in words.items() if bound is not None)
 
 
 def split_unit(name: str) -> tuple[str, str]:
@@ -287,42 +265,25 @@ def replaced(part: T, values: Mapping[str, Any], prefix: str = "") -> T:
         raise UserError(f"{prefix}{error}") from None
 
 
-def coerce(kind: Any, raw: Any, path: str) -> Any:
-    """``raw`` of a YAML tree as a value of type ``kind``; `UserError`, which begins with ``path``, where it is none.
+def value_of(kind: Any, raw: Any, path: str) -> Any:
+    """``raw`` of a YAML tree as a value of type ``kind``, by `msgspec.convert`; a whole number may be written as 4.0.
 
-    `msgspec.convert` takes NaN, refuses 4.0 for a whole number, and its messages name neither the value nor the choices.
+    `UserError`, which begins with ``path``, where it is none, beyond a bound, or not finite.
     """
-    origin = typing.get_origin(kind)
-    if origin is Annotated:  # `Declaration.check` looks at the bounds
-        return coerce(kind.__origin__, raw, path)
-    if origin is Literal:
-        allowed = typing.get_args(kind)
-        if raw not in allowed:
-            raise UserError(f"{path} is {raw!r}; allowed: {', '.join(map(str, allowed))}")
-        return raw
-    if origin is tuple:
-        args = typing.get_args(kind)
-        if not isinstance(raw, (list, tuple)):
-            raise UserError(f"{path} is {raw!r}; it must be a list")
-        if len(args) == 2 and args[1] is Ellipsis:
-            return tuple(coerce(args[0], item, path) for item in raw)
-        if len(raw) != len(args):
-            raise UserError(f"{path} needs {len(args)} values, not {len(raw)}")
-        return tuple(coerce(a, item, path) for a, item in zip(args, raw))
-    if origin in (types.UnionType, typing.Union):  # of a type and None
-        return None if raw is None else coerce(typing.get_args(kind)[0], raw, path)
-    if isinstance(raw, (int, float)) and not isinstance(raw, bool):
-        if not math.isfinite(raw):
-            raise UserError(f"{path} is {raw!r}; it must be finite")
-        if kind is float:
-            return float(raw)
-        if kind is int and float(raw).is_integer():
-            return int(raw)
-    if kind in (bool, str) and isinstance(raw, kind):
-        return raw
-    if origin is dict and isinstance(raw, dict):
-        return dict(raw)
-    raise UserError(f"{path} is {raw!r}; it must be {_KINDS[origin or kind]}")
+    items = raw if isinstance(raw, (list, tuple)) else [raw]
+    plain = [int(x) if isinstance(x, float) and x.is_integer() else x for x in items]
+    try:
+        if not all(math.isfinite(x) for x in plain if isinstance(x, float)):
+            raise msgspec.ValidationError("Expected finite numbers")
+        return msgspec.convert(plain if items is raw else plain[0], kind)
+    except msgspec.ValidationError as error:
+        rule, _, entry = str(error).partition(" - at ")
+        rule = rule.partition(", got")[0].replace("Expected", "each must be" if entry else "it must be")
+        for word, ours in _KINDS.items():
+            rule = rule.replace(word, ours)
+        if typing.get_origin(kind) is Literal:
+            rule = f"allowed: {', '.join(typing.get_args(kind))}"
+        raise UserError(f"{path} is {repr(raw)[:60]}; {rule}") from error
 
 
 class Section:

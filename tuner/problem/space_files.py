@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from nbv.config import MissionConfig, parameter, shipped_files
-from nbv.config.declaration import coerce
+from nbv.config.declaration import value_of
 from nbv.errors import UserError
 from nbv.safe_files import is_file, read_yaml, require
 from tuner.problem.search_space import Kind, Parameter, Scale, SearchSpace, Value
@@ -103,11 +103,11 @@ def _parameter(path: str, spec: Any, where: str) -> Parameter:
     if not isinstance(spec, dict):
         raise UserError(f"{where}: give a mapping such as {{kind: float, low: 0.1, high: 1.0}}")
     _known_keys(spec, _PARAMETER_KEYS, where)
-    kind = coerce(Kind, spec.get("kind", "float"), f"{where}: kind")
+    kind = value_of(Kind, spec.get("kind", "float"), f"{where}: kind")
     for key in ("low", "high", "scale") if kind == "categorical" else ("choices",):
         if key in spec:
             raise UserError(f"{where}: {key!r} does not belong to kind {kind}")
-    also = coerce(tuple[str, ...], spec.get("also", []), f"{where}: also")
+    also = value_of(tuple[str, ...], spec.get("also", []), f"{where}: also")
     if kind == "categorical":
         choices = _choices(spec.get("choices"), where)
         return Parameter(path, kind, choices=choices, default=spec.get("default"), also=also)
@@ -115,10 +115,10 @@ def _parameter(path: str, spec: Any, where: str) -> Parameter:
     for key in ("low", "high"):
         if spec.get(key) is None:
             raise UserError(f"{where}: {key!r} is missing; kind {kind} needs low and high")
-    low, high = (coerce(number, spec.get(key), f"{where}: {key}") for key in ("low", "high"))
+    low, high = (value_of(number, spec.get(key), f"{where}: {key}") for key in ("low", "high"))
     if low >= high:
         raise UserError(f"{where}: low {low:g} is not below high {high:g}; swap or widen the bounds")
-    scale = coerce(Scale, spec.get("scale", "linear"), f"{where}: scale")
+    scale = value_of(Scale, spec.get("scale", "linear"), f"{where}: scale")
     if scale == "log" and low <= 0:
         raise UserError(f"{where}: scale log needs low above 0, not {low:g}; raise low or use scale linear")
     return Parameter(path, kind, low, high, scale, (), spec.get("default"), also)

@@ -54,7 +54,7 @@ def test_under_one_condition_there_is_no_second() -> None:
     ("text", "said"),
     [
         ("scene: {ambiant: 0.1}", "unknown mission parameter 'scene.ambiant'; did you mean 'scene.ambient'"),
-        ("scene: {read_noise_dn: -1}", "scene.read_noise_dn is -1.0; it must be 0 or more"),
+        ("scene: {read_noise_dn: -1}", "scene.read_noise_dn is -1; it must be a number of at least 0"),
         ("scene: {sun_direction: [0, 0, 1]}", "scene.sun_direction is"),
         ("scene: 3", "scene is 3; it must map names to values"),
         ("dense: {agreeing_views: 3}", "dense is no part of the environment; a condition sets scene"),

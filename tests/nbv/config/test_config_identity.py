@@ -49,11 +49,11 @@ FEW_SEEDS = {
         ({"photographs": 7}, "seeds is 8, more than the 7 photographs"),
         ({"seed.upper_share": 0.4, "seeds": 24, "sparse.ground_features": 0}, "26 degrees apart"),
         ({"seed.ring_elevations_deg": [], "seed.ring_azimuth_counts": []}, "at least one ring"),
-        ({"seeds": 2}, "seeds is 2; it must be at least 3"),
+        ({"seeds": 2}, "seeds is 2; it must be .* at least 3"),
         ({"seed.ring_azimuth_counts": [0, 0, 0, 0]}, "azimuth_counts is .* at least 1"),
         ({"seed.lowest_deg": -8.0}, "meets the ground: it lies at 0.24 m, and the camera flies no lower"),
         ({"seed.upper_share": 0.4, "seed.span_deg": -30.0}, "meets the ground"),
-        ({"seed.upper_share": 1.0}, "upper_share is 1.0; it must be at least 0 and below 1"),
+        ({"seed.upper_share": 1.0}, "upper_share is 1.0; it must be a number below 1"),
         ({"seed.ring_azimuth_counts": [3]}, "as long as ring_elevations_deg"),
         ({"seed.recentre_after": 2}, "at least 3: fewer photographs make no model"),
     ],
@@ -90,7 +90,7 @@ def test_values_that_cannot_be_are_refused(values: dict, says: str) -> None:
     ],
 )
 def test_what_would_fail_after_the_flight_is_refused_before(path: str, value: object) -> None:
-    with pytest.raises(UserError, match=f"^{path} is .*; it must be "):
+    with pytest.raises(UserError, match=f"^{path} is .*; (it|each) must be "):
         MissionConfig().with_values({path: value})
 
 

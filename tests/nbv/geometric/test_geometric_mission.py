@@ -89,11 +89,13 @@ def test_a_run_directory_holds_a_result_and_is_not_overwritten(tmp_path, config)
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("seeds", "ground_features", "status"), [(15, 0, "failed"), (16, 0, "ok"), (8, 2000, "ok")]
+    ("numbers", "ground_features", "status"),
+    [([12, 4], 0, "failed"), ([16], 0, "ok"), ([8], 2000, "ok")],
 )
-def test_seeds_that_sift_cannot_hold_together_fail(config, seeds, ground_features, status):
+def test_seeds_that_sift_cannot_hold_together_fail(config, numbers, ground_features, status):
     """As photogrammetry has it on the boulder."""
-    ring = {"seeds": seeds, "seed.ring_elevations_deg": [20.0], "seed.ring_azimuth_counts": [seeds]}
+    seeds, elevations_deg = sum(numbers), [20.0, 75.0][: len(numbers)]
+    ring = {"seeds": seeds, "seed.ring_elevations_deg": elevations_deg, "seed.ring_azimuth_counts": numbers}
     few = {**ring, "sparse.min_registered_seeds": 6, "sparse.ground_features": ground_features}
     few["photographs"] = seeds + 8
     result = run_geometric_mission(config.with_values(few), "boulder")

@@ -106,7 +106,7 @@ def test_an_installed_scorer_flies_with_its_own_settings(package, tmp_path):
         ([("a", "mine_package:LOW"), ("a", "other:LOW")], {"gate.kind": "a"}, "two scorers are called 'a'"),
         ([], {"gate.kind": "mine"}, "or a plug-in that is installed or named with gatetune --plugin"),
         ([], {"mine.alpha": 1}, "unknown mission parameter 'mine.alpha'"),
-        ([("mine-low", "mine_package:LOW")], {"mine_low.alpha": 2}, "mine_low.alpha is 2.0; it must be"),
+        ([("mine-low", "mine_package:LOW")], {"mine_low.alpha": 2}, "mine_low.alpha is 2; it must be"),
         ([("mine-low", "mine_package:LOW")], {"mine_low.beta": 2}, "parameter 'mine_low.beta'"),
     ],
 )

@@ -35,7 +35,7 @@ RUN = "campaign run --rock boulder"
         ("evaluate nowhere", "nowhere"),
         ("reproduce --strategy covi", "covis"),
         ("mission run --rock boulder --gate hyb", "hyb-h"),
-        ("mission run --rock boulder --set gate.budget_fraction=1.5", "between 0 and 1"),
+        ("mission run --rock boulder --set gate.budget_fraction=1.5", "it must be a number of at most 1"),
         ("mission explain nowhere", "nowhere"),
         ("rocks show pebble-3", "pebble-3"),
         ("rocks show boulder --image nowhere/boulder.png", "nowhere/boulder.png"),

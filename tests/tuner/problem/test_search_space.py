@@ -102,7 +102,10 @@ GOOD = D95 + "{kind: float, low: 0.01, high: 1.0, scale: log}\n"
         ("parameters: {}", "at least one parameter"),
         ("", "mapping with the key 'parameters'"),
         ("parameters: {gate.d95: {low: 0.1, high: 1.0}}", r"unknown mission parameter 'gate.d95'; did you"),
-        ("parameters: {gate.budget_fraction: {low: 0.0, high: 2.0}}", "between 0 and 1"),
+        (
+            "parameters: {gate.budget_fraction: {low: 0.0, high: 2.0}}",
+            "gate.budget_fraction is 2.0; it must be a number of at most 1",
+        ),
         ("parameters: {dense.neighbours: {kind: int, low: 1.5, high: 4}}", "whole number"),
         ("parameters: {dense.neighbours: {low: 1.5, high: 4}}", "it must be a whole number"),
         ("parameters: {stop.knn_region: {kind: categorical, choices: [all]}}", "at least two"),
