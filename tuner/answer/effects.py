@@ -19,6 +19,7 @@ from tuner.surrogate.model import InstanceMeanGP
 GRID = 41  # values along a parameter
 SOBOL_POINTS = 512
 TEN = 10
+DRIFT_MISSIONS, DRIFT_CHANCE = 12, 0.001  # fewest missions, and the probability below which it is told
 
 
 @dataclass(frozen=True)
@@ -158,6 +159,19 @@ def best_configurations(
     return rows
 
 
+def best_so_far(
+    model: InstanceMeanGP, region: Region, history: Sequence[Observation]
+) -> list[tuple[int, float]]:
+    """Return after each mission in the region the best posterior mean, by the final surrogate, of what had run by then."""
+    inside = [o for o in history if o.feasible and region.contains(o.values)]
+    if not inside:
+        return []
+    means = posterior_means(model.model, model.inputs_at([o.values for o in inside])).numpy()
+    offset = float(np.mean([model.standardiser.centre(i.rock) for i in model.instances]))
+    best = np.maximum.accumulate(means) * model.mean_scale + offset
+    return [(o.number, float(y)) for o, y in zip(inside, best)]
+
+
 def gate_contour(
     model: InstanceMeanGP, space: SearchSpace, values: Mapping[str, Any], points: int = 25
 ) -> tuple[list[float], list[float], Floats]:
@@ -172,3 +186,12 @@ def gate_contour(
 
 
 GATE_THRESHOLDS = ("gate.budget_fraction", "gate.d95_m")
+
+
+def drift_of(model: InstanceMeanGP) -> float | None:
+    """Return the rank correlation of the model's leave-one-out errors with the trial's number; None where it may be chance."""
+    numbers = [model.observations[i].number for i in model.fitted_to]
+    if len(numbers) < DRIFT_MISSIONS:
+        return None
+    test = stats.spearmanr(numbers, model.leave_one_out_z())
+    return float(test.statistic) if test.pvalue < DRIFT_CHANCE else None

@@ -30,6 +30,7 @@ from tuner.problem.search_space import PHOTOGRAPHS, Parameter, Region
 from tuner.recommendation.recommendation import Recommendation
 from tuner.report import words
 from tuner.report.figures import (
+    draw_best_so_far,
     draw_contour,
     draw_outcomes,
     draw_slices,
@@ -145,6 +146,7 @@ def _tuned(
     unit = metric.difference_unit
     rows = effects.parameter_rows(model, region, best.values, best.default_values)
     groups = effects.earned_by_group(model, s.space, best.values, best.default_values)
+    so_far = [(number, sign * y) for number, y in effects.best_so_far(model, region, campaign.history())]
     gate = answer.gates[best.name]
     has_thresholds = all(path in s.space.paths for path in effects.GATE_THRESHOLDS)
     contour = ""
@@ -161,6 +163,7 @@ def _tuned(
         "split": _split_table(groups, best.name, evidence, unit),
         "best": _configurations(model, region, campaign, sign),
         "contour": contour,
+        "so_far": draw_best_so_far(so_far, metric) if len(so_far) > 1 else "",
         "slices": draw_slices(
             model, [p for p in s.space.parameters if p.path not in region.held], best.values, metric, sign
         ),
@@ -229,6 +232,11 @@ def _warnings(
             out.append(
                 f"The model's 95 % intervals contain only {100 * coverage:.0f} % of the left-out missions: all its intervals are too narrow."
             )
+    if model is not None and (drift := effects.drift_of(model)) is not None:
+        out.append(
+            f"Outcomes drift with the number of the trial (rank correlation {drift:+.2f} of what the model cannot explain): what ran "
+            "first, as the default did, may look worse or better than it is. Run `gatetune confirm`."
+        )
     degraded = sum(t.record.status == "degraded" for t in trials)
     for count, what in ((degraded, "were degraded"), (status.failed, "failed")):
         if count > 0.2 * status.finished:

@@ -229,3 +229,14 @@ def draw_contour(
         axis.set(yscale="log", xlabel="budget fraction f_b", ylabel="threshold of d95 (m)")
         axis.grid(visible=False)
     return embed(figure)
+
+
+def draw_best_so_far(points: Sequence[tuple[int, float]], label: MetricLabel) -> str:
+    """The best posterior mean, by the final surrogate, of what had run by each trial."""
+    with look():
+        figure = new_figure(4.4, 3.2)
+        axis = figure.subplots()
+        axis.step(*np.array(points).T, where="post", color=BLUE)
+        axis.set(xlabel="trial", ylabel=f"best {label.axis}")
+        axis.xaxis.set_major_locator(MaxNLocator(integer=True))
+    return embed(figure)
