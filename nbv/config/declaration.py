@@ -19,6 +19,7 @@ from operator import attrgetter
 from typing import Annotated, Any, Literal, TypeVar, cast
 
 import msgspec
+import numpy as np
 from msgspec import Meta
 
 from nbv.errors import UserError
@@ -268,14 +269,17 @@ def replaced(part: T, values: Mapping[str, Any], prefix: str = "") -> T:
 def value_of(kind: Any, raw: Any, path: str) -> Any:
     """``raw`` of a YAML tree as a value of type ``kind``, by `msgspec.convert`; a whole number may be written as 4.0.
 
+    Numbers of NumPy are taken as Python's.
+
     `UserError`, which begins with ``path``, where it is none, beyond a bound, or not finite.
     """
     items = raw if isinstance(raw, (list, tuple)) else [raw]
+    items = [x.item() if isinstance(x, np.generic) else x for x in items]
     plain = [int(x) if isinstance(x, float) and x.is_integer() else x for x in items]
     try:
         if not all(math.isfinite(x) for x in plain if isinstance(x, float)):
             raise msgspec.ValidationError("Expected finite numbers")
-        return msgspec.convert(plain if items is raw else plain[0], kind)
+        return msgspec.convert(plain if isinstance(raw, (list, tuple)) else plain[0], kind)
     except msgspec.ValidationError as error:
         rule, _, entry = str(error).partition(" - at ")
         rule = rule.partition(", got")[0].replace("Expected", "each must be" if entry else "it must be")

@@ -9,12 +9,10 @@ from pathlib import Path
 from typing import Any
 
 from nbv.errors import UserError
-from nbv.mission.result import value_at_path
 from nbv.safe_files import write_atomic
 from tuner.campaign.campaign import Campaign
 from tuner.comparison.plan import EvaluationRun
 from tuner.missions.job import Trial
-from tuner.problem.goal import dotted
 
 _FORMULA = ("=", "+", "-", "@", "\t", "\r")  # with which a spreadsheet takes a text for a formula
 
@@ -61,8 +59,14 @@ def _of_campaign(t: Trial, run: Path) -> dict[str, Any]:
 
 
 def _flat(prefix: str, tree: Mapping[str, Any]) -> dict[str, Any]:
-    paths = dotted(tree, of=(str, int, float, type(None)))
-    return {f"{prefix}.{path}": value_at_path(tree, path) for path in paths}
+    """Return the leaves of a tree, whose names may be paths themselves, without lists."""
+    out: dict[str, Any] = {}
+    for key, value in tree.items():
+        if isinstance(value, Mapping):
+            out |= _flat(f"{prefix}.{key}", value)
+        elif value is None or isinstance(value, (str, int, float, bool)):
+            out[f"{prefix}.{key}"] = value
+    return out
 
 
 def write_rows(

@@ -11,10 +11,11 @@ import pytest
 import scoring_state
 from scoring_state import sparse_model
 
-from nbv import gates, scene, scorers
+from nbv import gates, scorers
 from nbv.config import DENSE_BACKENDS, GATES, RENDERERS, SCORERS, BAwareConfig, MissionConfig, Weights
 from nbv.dense import reconstruct
 from nbv.errors import MissionFailure, UserError
+from nbv.scene import view
 from nbv.scorers import Rankings
 from nbv.scorers.registry import geometry_gain, mean_neighbour_distance
 from nbv.scorers.scorer import angular_penalty, box_points, novelty
@@ -120,7 +121,7 @@ def test_the_names_of_a_configuration_are_those_of_the_parts() -> None:
     for names, parts in (
         (SCORERS, scorers.registry),
         (GATES, gates.registry),
-        (RENDERERS, scene.registry),
+        (RENDERERS, view),
         (DENSE_BACKENDS, reconstruct),
     ):
         assert list(names.built_in) == list(parts.BUILT_IN)

@@ -150,21 +150,6 @@ def test_a_proposal_that_the_configuration_refuses_is_infeasible(sampler, tmp_pa
     assert "configuration_refused" in write_campaign_report(resumed).read_text()
 
 
-def test_where_nothing_planned_registers_it_says_so_and_stops(tmp_path: Path) -> None:
-    for k, (rocks, space, finished, expected) in enumerate(
-        [
-            (("blind",), "gate", 6, "no planned photograph registers in the first 6 missions"),
-            (("blind", "a"), "gate", 8, "the budget is used"),  # on one rock it does
-            (("blind",), "photographs", 8, "the budget is used"),  # more seeds may mend it
-        ]
-    ):
-        asked = settings(rocks=rocks, space=load_search_space(space), budget=8)
-        summary = run_campaign(begin_campaign(tmp_path / str(k), asked), InProcessExecutor())
-        assert expected in summary.message and summary.status.finished == finished
-        again = run_campaign(Campaign.open(tmp_path / str(k)), InProcessExecutor())
-        assert again.message == summary.message
-
-
 def test_what_the_machine_ended_is_neither_counted_nor_learned(tmp_path, monkeypatch):
     monkeypatch.setattr("tuner.missions.job.MAX_ATTEMPTS", 1)
     campaign = begin_campaign(tmp_path / "run", settings(rocks=("a", "once-full"), budget=4))
