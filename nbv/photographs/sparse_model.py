@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import fcntl
+import struct
 import tempfile
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
@@ -22,7 +23,7 @@ from nbv.errors import UserError
 from nbv.geometry.frames import Similarity, camera_centers_m
 from nbv.photographs.folder import SAME_RATIO, shrunk_size
 from nbv.photographs.import_source import ImportSource, files_of_photographs
-from nbv.safe_files import expanded
+from nbv.safe_files import expanded, read_bytes
 from nbv.sparse.colmap import camera_from_world_poses, files_of, model_of, pipeline_options
 from nbv.sparse.features import match_pair
 from nbv.types import Floats, Ints
@@ -43,6 +44,7 @@ PARTNERS = 30  # at most, best first
 IN_ORDER = 2  # photographs before and after, whatever the largest features say
 _AT_ONCE = 16  # photographs, or a tenth as many pairs, between two reports of progress
 _BLUR_PX = 2.0
+_MAX_MODEL_BYTES = 2 * 2**30
 _MAX_SIDE_PX = 100_000
 # Focal lengths that lenses have, in long sides of the picture, and distortion beyond any lens.
 _FOCAL_SIDES, _MAX_DISTORTION = (0.05, 200.0), 100.0
@@ -395,6 +397,8 @@ def _colmap(folder: Path) -> pycolmap.Reconstruction:
         with tempfile.TemporaryDirectory() as alone:  # without rigs and frames: every image has its pose
             for name in ("cameras", "images", "points3D"):
                 path = folder / f"{name}{ends[0]}"
+                if path.suffix == ".bin" and name != "cameras" and path.is_file():
+                    _check_counts(path)
                 (Path(alone) / path.name).symlink_to(path.resolve())
             model.read(alone)
         for image in model.images.values():
@@ -407,6 +411,26 @@ def _colmap(folder: Path) -> pycolmap.Reconstruction:
             f"the COLMAP model in {folder} cannot be read: {reason[:160]}; export it again"
         ) from error
     return model
+
+
+def _check_counts(path: Path) -> None:
+    """Walk through COLMAP's binary images or points; `ValueError` where it counts more than it holds, which COLMAP would allocate."""
+    data = read_bytes(path, _MAX_MODEL_BYTES)
+
+    def counted(at: int, bytes_each: int) -> int:
+        return at + 8 + bytes_each * struct.unpack_from("<Q", data, at)[0]
+
+    try:
+        at = 8
+        for _ in range(struct.unpack_from("<Q", data)[0]):
+            if path.stem == "images":  # a name that ends in 0, and features
+                at = counted(data.index(b"\0", at + 64) + 1, 24)
+            else:
+                at = counted(at + 43, 8)
+            if at > len(data):
+                raise ValueError
+    except (ValueError, struct.error) as error:
+        raise ValueError(f"{path.name} counts more than its {len(data)} bytes hold") from error
 
 
 def solved_from_colmap(

@@ -329,10 +329,17 @@ def test_a_bad_name_is_that_of_a_set(tmp_path: Path) -> None:
         (
             "cameras.bin",
             lambda b: b[:16] + bytes(16) + b[32:],
-            "no perspective picture is of a PINHOLE of 0 x 0",
+            "no perspective picture is of a PINHOLE of 0 x 0 px",
         ),
         ("images.bin", lambda b: b.replace(b"view_03", b"vi\xe9w_03"), "an image's name is not UTF-8"),
+        (
+            "points3D.bin",
+            lambda b: struct.pack("<Q", 10**8),
+            "points3D.bin counts more than its 8 bytes hold",
+        ),
         ("images.bin", lambda b: b[:-40], "cannot be read"),
+        ("points3D.bin", lambda b: b[:51] + struct.pack("<Q", 10**10) + b[59:], "points3D.bin counts more"),
+        ("images.bin", lambda b: b[:83] + struct.pack("<Q", 10**9) + b[91:], "images.bin counts more"),
     ],
 )
 def test_a_damaged_colmap_model_is_one_line_at_once(tmp_path: Path, file: str, change, words: str) -> None:
