@@ -1,7 +1,13 @@
 """Draws which part of a target each of some missions misses, and where its cameras stood.
 
-gatetune mission run --rock part-20001 ... --out runs/orbit    # and runs/planned
-python -m research.picture_of_plans part-20001 runs/orbit "orbit at 15°" runs/planned "planned" --out docs/images/pocket.png
+    ON="--rock part-20001 --condition indoors --set photographs=24 --set dense.agreeing_views=3 \\
+        --set sparse.ground_features=2000 --set sparse.min_registered_seeds=6"
+    gatetune mission run $ON --set seeds=12 --out runs/hyb-h
+    gatetune mission run $ON --set seeds=24 --set seed.layout=turn --set seed.lowest_deg=15 --set seed.radius_m=3.5 --out runs/orbit
+    gatetune mission run $ON --set seeds=10 --set gate.geometry_scorer=predicted --set predicted.weights.nov=0.01 \\
+        --set predicted.weights.move=0.01 --set predicted.weights.ang=0.01 --out runs/planned
+    python -m research.picture_of_plans part-20001 runs/hyb-h Hyb-H runs/orbit "orbit at 15°" runs/planned "tuned planner" \\
+        --out docs/images/pocket.png
 """
 
 from __future__ import annotations
@@ -14,11 +20,12 @@ import matplotlib
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
-import open3d as o3d
 import pycolmap
 from matplotlib.axes import Axes
 from scipy.spatial import cKDTree
 
+from nbv.geometry.frames import unit_vectors
+from nbv.geometry.mesh import RayCaster, rays_of, weighted_normals
 from nbv.geometry.ply import read_ply
 from nbv.mission.result import MissionResult
 from nbv.rocks.catalogue import load_rock
@@ -29,30 +36,21 @@ PIXELS, WIDTH_M = 500, 1.7
 SEED, PLANNED, MISSED = "#0072B2", "#D55E00", (0.85, 0.1, 0.2)
 
 
-def axes_of(azimuth_deg: float, elevation_deg: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Right, up and toward the spectator, unit vectors."""
-    a, e = np.radians([azimuth_deg, elevation_deg])
-    toward = np.array([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)])
-    right = np.array([-np.sin(a), np.cos(a), 0.0])
-    return right, np.cross(toward, right), toward
-
-
 def surface(rock: Rock, cloud_m: np.ndarray, azimuth_deg: float, elevation_deg: float) -> np.ndarray:
     """(H, W, 3) the target from afar: grey within `WITHIN_M` of the cloud, red elsewhere, white beside it."""
-    right, up, toward = axes_of(azimuth_deg, elevation_deg)
+    toward, right = unit_vectors(np.array([azimuth_deg, azimuth_deg + 90.0]), np.array([elevation_deg, 0.0]))
+    up = np.cross(toward, right)
     centre = 0.5 * (rock.vertices_m.min(axis=0) + rock.vertices_m.max(axis=0))
     steps = (np.arange(PIXELS) / (PIXELS - 1) - 0.5) * WIDTH_M
     x, y = np.meshgrid(steps, -steps)
     origins = centre + x[..., None] * right + y[..., None] * up + 10.0 * toward
-    scene = o3d.t.geometry.RaycastingScene()
-    scene.add_triangles(rock.vertices_m.astype(np.float32), rock.faces.astype(np.uint32))
-    rays = np.concatenate([origins, np.broadcast_to(-toward, origins.shape)], axis=-1).astype(np.float32)
-    hits = scene.cast_rays(o3d.core.Tensor(rays))
-    distance, normals = hits["t_hit"].numpy(), hits["primitive_normals"].numpy()
-    seen = np.isfinite(distance)
-    places = origins[seen] - distance[seen][:, None] * toward
+    hits = RayCaster(rock.vertices_m, rock.faces).cast(rays_of(origins, -toward))
+    seen = np.isfinite(hits.t)
+    places = origins[seen] - hits.t[seen][:, None] * toward
     missed = cKDTree(cloud_m).query(places, workers=1)[0] > WITHIN_M
-    shade = 0.35 + 0.6 * np.abs(normals[seen] @ toward)
+    normals = weighted_normals(rock.vertices_m, rock.faces[hits.face[seen]])
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    shade = 0.35 + 0.6 * np.abs(normals @ toward)
     picture = np.ones((PIXELS, PIXELS, 3))
     picture[seen] = shade[:, None] * np.where(missed[:, None], MISSED, (0.9, 0.9, 0.9))
     return picture
@@ -73,7 +71,8 @@ def draw(axes: Axes, rock: Rock, run: Path, name: str, azimuth_deg: float, eleva
     inset = axes.inset_axes((0.74, 0.0, 0.26, 0.26))
     for seed, x, y, z in taken:
         inset.scatter(x, y, s=8 + 10 * z, color=SEED if seed else PLANNED, linewidths=0)
-    inset.plot(*(3.0 * axes_of(azimuth_deg, 0.0)[2][:2]), marker="*", color="black")
+    east, north, _ = unit_vectors(np.array([azimuth_deg]), np.zeros(1))[0]
+    inset.plot(3.0 * east, 3.0 * north, marker="*", color="black")
     inset.set(xlim=(-5, 5), ylim=(-5, 5), xticks=[], yticks=[], aspect="equal")
 
 
