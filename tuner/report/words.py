@@ -153,9 +153,9 @@ def table_lines(table: AnswerTable, metric: str, fly: str = "", *, narrow: bool 
     ]
     flown_reference = any(row.strategy == table.reference for row in table.rows)
     columns.append(f"from {label(table.reference) if flown_reference else 'default'}")
-    against_plain = table.best_plain != table.reference
+    against_plain = table.best_plain not in ("", table.reference)
     if against_plain:
-        columns.append(f"from {label(table.best_plain)}" if table.best_plain else "from best")
+        columns.append(f"from {label(table.best_plain)}")
     digits = 1 if unit.unit in ("%", "mm") else 3
     rows, kind = list[Row](), ""
     for row in table.rows:
