@@ -111,9 +111,7 @@ def drawn_targets(count: int, families: Sequence[str] = tuple(FAMILIES)) -> tupl
     return tuple(map(Instance, names[:count]))
 
 
-# The families that were there when the suite was published.
-SHAPES_1 = ("mesa", "limbs", "handle", "plates", "machine")
-SUITES = {"rocks-1": Suite(drawn_targets(60)), "shapes-1": Suite(drawn_targets(50, SHAPES_1))}
+SUITES = {"rocks-1": Suite(drawn_targets(60))}
 
 
 def leaves_room(ceiling: Interval | None) -> bool:
