@@ -278,7 +278,7 @@ def value_of(kind: Any, raw: Any, path: str) -> Any:
     plain = [int(x) if isinstance(x, float) and x.is_integer() else x for x in items]
     try:
         if not all(math.isfinite(x) for x in plain if isinstance(x, float)):
-            raise msgspec.ValidationError("Expected finite numbers")
+            raise msgspec.ValidationError("Expected a finite number")
         return msgspec.convert(plain if isinstance(raw, (list, tuple)) else plain[0], kind)
     except msgspec.ValidationError as error:
         rule, _, entry = str(error).partition(" - at ")
