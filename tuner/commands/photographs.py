@@ -28,6 +28,7 @@ from tuner.commands.console import (
 )
 from tuner.commands.options import Overrides, Timeout, Workers
 from tuner.problem.goal import DEFAULT_METRIC
+from tuner.report.labels import duration
 
 app = typer.Typer(no_args_is_help=True)
 _MIDDLE = 2  # of the thresholds
@@ -137,6 +138,7 @@ def enough(
         enough_table,
         enough_text,
         read_enough,
+        seconds,
     )
 
     photographs = PhotographSet.read(name)
@@ -147,7 +149,8 @@ def enough(
     where = out or Path("runs") / f"enough-{name}"
     missions = sum(plan.missions for plan in plans.values())
     output.print(
-        f"{missions} missions; the first uses all photographs and takes longest",
+        f"{missions} missions, about {duration(seconds(plans.values(), photographs))} of one processor; the first mission uses "
+        "all photographs and takes longest",
         soft_wrap=True,
     )
     everything, few = run_plans(plans, where, workers, timeout_s, DEFAULT_METRIC)

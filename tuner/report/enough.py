@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -40,6 +40,7 @@ WAYS = {
     "hyb-h": "Hyb-H, the paper's planner",
     "tuned": "tuned planner",
 }
+SECONDS_PER_PHOTOGRAPH = 0.5  # of one processor, features known (docs/results/index.md)
 # Poses are known from the import, so they may hold the seeds together as a GNSS receiver's would.
 TELEMETRY = "rtk"
 _BELOW_ALL_M = -3.0
@@ -196,6 +197,13 @@ def read_enough(everything: EvaluationRun, curves: EvaluationRun, keep_percent: 
 
 def _quality(trial: Trial) -> float:
     return trial.value(DEFAULT_METRIC) or 0.0
+
+
+def seconds(plans: Iterable[EvaluationPlan], photographs: PhotographSet) -> float:
+    """An estimate of the processor time of these plans' missions, in seconds."""
+    most = len(photographs.registered)
+    configs = [(config, plan.replicates) for plan in plans for config in plan.strategies.values()]
+    return SECONDS_PER_PHOTOGRAPH * sum(n * min(most, c.photographs) for c, n in configs)
 
 
 def _name(way: str, number: int) -> str:

@@ -94,7 +94,7 @@ def test_a_run_directory_holds_a_result_and_is_not_overwritten(tmp_path, config)
 )
 def test_seeds_that_sift_cannot_hold_together_fail(config, numbers, ground_features, status):
     """As photogrammetry has it on the boulder."""
-    seeds, elevations_deg = sum(numbers), [20.0, 75.0][: len(numbers)]
+    seeds, elevations_deg = sum(numbers), [20.0] if len(numbers) == 1 else [10.0, 75.0]
     ring = {"seeds": seeds, "seed.ring_elevations_deg": elevations_deg, "seed.ring_azimuth_counts": numbers}
     few = {**ring, "sparse.min_registered_seeds": 6, "sparse.ground_features": ground_features}
     few["photographs"] = seeds + 8

@@ -61,8 +61,8 @@ def test_page_says_what_is_recommended_and_is_self_contained(tmp_path: Path) -> 
     assert failed[0].reason in text and "no seed model" in text and "9 missions:" in text
 
     figures = re.findall(r'<img [^>]*src="data:image/svg\+xml', source)
-    # The plan, the outcomes, a contour of the thresholds, and a slice for each parameter.
-    assert len(figures) == 3 + campaign.settings.space.dimension
+    # The plan, the outcomes, a contour of the thresholds, the best posterior mean, and a slice for each parameter.
+    assert len(figures) == 4 + campaign.settings.space.dimension
     assert not re.search(r"src=[\"'](?!data:)", source)  # self-contained
     assert "url(" not in source and "<script src" not in source and "@import" not in source
     addresses = re.findall(r"href=\"(?!data:|#)([^\"]+)\"", source)
