@@ -20,7 +20,7 @@ import numpy as np
 
 from nbv.cache import Recent, Store, home
 from nbv.errors import UserError
-from nbv.rocks.families import ANY, FAMILIES, generated_name
+from nbv.rocks.families import FAMILIES, generated_name
 from nbv.rocks.importer import stored_import
 from nbv.rocks.procedural import COARSE_GRID_M, generate_rock
 from nbv.rocks.recipes import RECIPES
@@ -134,9 +134,9 @@ def check_name(name: str, what: str = "a rock") -> str:
             f"{name!r} cannot name {what}; use up to 64 lower-case letters, digits, '-' and '_', "
             "beginning with a letter or digit"
         )
-    if name in RECIPES or generated_name(name) is not None or name.partition("-")[0] == ANY:
+    if name in RECIPES or generated_name(name) is not None:
         raise UserError(
-            f"{name!r} already means a procedural rock, as do FAMILY-SEED, {ANY} and {ANY}-FAMILY; choose another --name"
+            f"{name!r} already means a procedural rock, as does FAMILY-SEED; choose another --name"
         )
     return name
 

@@ -30,8 +30,6 @@ from nbv.types import Floats
 HEIGHT_M, HIGHEST_SHAPE_M = (0.8, 3.0), 2.0
 MOST_BURIED, MOST_TILTED_DEG = 0.25, 15.0
 VALIDATION_FROM, HELD_OUT_FROM, SEED_LIMIT = 10_000, 20_000, 1_000_000
-# any-FAMILY is a fresh rock of it in every replicate; any means one of each family, any-shapes one of each of the shapes.
-ANY, ANY_SHAPES = "any", "any-shapes"
 _NAME = re.compile(r"([a-z]+(?:-[a-z]+)*)-(\d{1,9})")
 
 
@@ -313,7 +311,7 @@ FAMILIES: dict[str, tuple[Callable[[Floats, np.random.Generator, int], Floats], 
     "breccia": (_breccia, "lobes with gaps between them"),
 }
 
-# No boulders: ``--rock any`` draws none of them.
+# No boulders.
 SHAPES = {
     "mesa": (_mesa, "a level top with sharp edges"),
     "limbs": (_limbs, "legs and arms that hide one another"),

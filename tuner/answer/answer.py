@@ -295,21 +295,16 @@ def next_step(
             "Run more missions, or relax the constraint: nothing that was run is known to meet it.",
             f"gatetune campaign resume {run} --missions {2 * status.budget}",
         )
-    rocks = (
-        "".join(f" --rock {rock}" for rock in campaign.settings.rocks)
-        if campaign.settings.problem.draws_rocks
-        else ""
-    )
     if held_out is None:
         return Next(
             "Evaluate it on held-out targets: all that counts so far ran where it was tuned.",
-            f"gatetune evaluate {run}{rocks}",
+            f"gatetune evaluate {run}",
         )
     if len(held_out.targets) < MIN_ROCKS:
         count = len(held_out.targets)
         return Next(
             f"Evaluate it on more targets: {count} held-out target{'s' * (count > 1)} cannot stand for others.",
-            f"gatetune evaluate {run}{rocks}",
+            f"gatetune evaluate {run}",
         )
     return Next("Export what to fly.", f"gatetune export {run}")
 

@@ -136,8 +136,7 @@ def _own_trials(campaign: Campaign, configs: Mapping[str, MissionConfig]) -> lis
             except UserError:  # values that exclude one another
                 name_at[key] = ""
         if t.record.status and name_at[key]:
-            rock = problem.drawn_rock(t.rock, t.replicate)
-            records.append(dataclasses.replace(t, strategy=name_at[key], rock=rock))
+            records.append(dataclasses.replace(t, strategy=name_at[key]))
     return records
 
 

@@ -28,6 +28,7 @@ from typing import TYPE_CHECKING, Any, Literal
 from nbv.config import MissionConfig
 from nbv.errors import UserError
 from nbv.safe_files import RESULT_BYTES, read_json, read_text, write_atomic
+from tuner.campaign.mission_problem import rock_arguments
 from tuner.campaign.settings import CampaignSettings
 from tuner.campaign.settings_file import (
     SETTINGS_FILE,
@@ -307,22 +308,19 @@ class Campaign:
         return MissionJob(
             id=f"{trial.number:04d}",
             config=config,
-            rock=s.problem.drawn_rock(trial.rock, trial.replicate),
+            rock=trial.rock,
             replicate=trial.replicate,
             directory=trial.record.directory,
             keep=s.keep,
             fidelity=s.fidelity,
         )
 
-    def evaluation_rocks(
-        self, rocks: Sequence[str] | None, replicates: int = 1
-    ) -> tuple[tuple[str, ...], int]:
-        """Return the rocks of an evaluation, ``rocks`` or by default the held-out ones, and its number of replicates.
+    def evaluation_rocks(self, rocks: Sequence[str] | None) -> tuple[str, ...]:
+        """Return the rocks of an evaluation, ``rocks`` or by default the held-out ones.
 
-        Raises `UserError`: a rock that the campaign, or one that it learned from, was tuned on; as
-        `Problem.evaluated_on`.
+        Raises `UserError`: a rock that the campaign, or one that it learned from, was tuned on; as `rock_arguments`.
         """
-        chosen, replicates = self.settings.problem.evaluated_on(rocks, replicates)
+        chosen = tuple(rock_arguments(rocks or self.settings.problem.held_out()))
         seen = self.rocks_seen()
         for rock in chosen:
             if rock in seen:
@@ -330,13 +328,12 @@ class Campaign:
                     f"rock {rock!r} was tuned on in {self.directory}, or in a campaign that it learned from; evaluate "
                     "on rocks that neither has seen"
                 )
-        return chosen, replicates
+        return chosen
 
     def rocks_seen(self) -> set[str]:
-        """Return all rocks and families that it, or a campaign that it learned from, was tuned on; drawn rocks by name, too."""
-        drawn = {self.settings.problem.drawn_rock(t.rock, t.replicate) for t in self.trials()}
+        """Return all rocks that it, or a campaign that it learned from, was tuned on."""
         learned = () if self.learned is None else (*self.learned.rocks, *self.learned.seen)
-        return {*self.settings.rocks, *drawn, *learned}
+        return {*self.settings.rocks, *learned}
 
     def mean_photographs(self, values: Mapping[str, Any]) -> int | None:
         """Return how many photographs missions at ``values`` took, mean rounded up; None where none is known."""

@@ -36,12 +36,7 @@ from tuner.problem.baselines import (
 from tuner.problem.goal import COUNTS, Objective
 from tuner.problem.instances import (
     Instance,
-    are_drawn,
-    family_of,
-    held_out_rocks_of,
     instances_over,
-    training_rock,
-    with_families,
 )
 from tuner.problem.observations import mission_key
 from tuner.problem.search_space import PHOTOGRAPHS, SEEDS, Problem, SearchSpace, Values, regions_of, value_at
@@ -52,14 +47,12 @@ from tuner.problem.search_space import PHOTOGRAPHS, SEEDS, Problem, SearchSpace,
 def rock_arguments(rocks: Sequence[str], *, tuned: bool = False) -> list[str]:
     """Return the rocks as given, mesh files by their absolute path, so that a resume finds them from anywhere.
 
-    Every rock is loaded once, drawn ones as coarse meshes, so that a mistake shows before the first mission.
+    Every rock is loaded once, as a coarse mesh, so that a mistake shows before the first mission.
 
     Raises `UserError`: an unknown rock or a bad mesh; a held-out rock where they are to be ``tuned`` on: nothing is
     tuned on these, and no default is chosen on them.
     """
     for rock in rocks:
-        if family_of(rock):
-            continue
         if load_coarse_rock(rock, Store()).split == "held-out" and tuned:
             raise UserError(
                 f"rock {rock!r} is held out: it may not be tuned on; `gatetune rocks list` names others"
@@ -103,7 +96,6 @@ class MissionProblem(Problem):
     """How a trial runs, and what it is compared with."""
 
     base: MissionConfig  # on which conditions and tuned values are laid
-    seed: int = 0  # of the rocks that are drawn
     conditions: tuple[Condition, ...]
     fidelity: str  # the campaign's
 
@@ -118,21 +110,13 @@ class MissionProblem(Problem):
         fidelity: str,
         *,
         replicates: int,
-        budget: int,
-        seed: int,
         limited: bool,
     ) -> MissionProblem:
         """Return the problem; ``config``: the preset with overrides and the fixed values of ``space``.
 
-        Of a family every replicate is another rock: there are as many as the ``budget`` may need. ``limited``: whether the goal has
-        a limit.
-
-        Raises `UserError`: the space does not fit the preset; there is no such family; rocks beside families.
+        ``limited``: whether the goal has a limit. Raises `UserError`: the space does not fit the preset.
         """
-        with_families(rocks)
         instances = instances_over(rocks, [condition.name for condition in conditions])
-        if are_drawn(rocks):
-            replicates = max(replicates, -(-budget // len(instances)))
         begin, space = space.begin, replace(space, begin=())
         default = space.default(config)
         base = space.config(config, default)
@@ -144,7 +128,6 @@ class MissionProblem(Problem):
             arms={**plain_plans(space, base), _name_of(base): default},
             regions=regions_of(space, default, limited=limited),
             base=base,
-            seed=seed,
             conditions=tuple(conditions),
             fidelity=fidelity,
         )
@@ -156,10 +139,6 @@ class MissionProblem(Problem):
     def repeatable(self) -> tuple[Instance, ...]:
         """The sets of photographs."""
         return tuple(i for i in self.instances if kind_on(i.rock, self.fidelity).photographs == "taken")
-
-    def drawn_rock(self, rock: str, replicate: int) -> str:
-        """Return the rock of a mission: ``rock`` itself or, of a family, the one drawn for this replicate."""
-        return training_rock(rock, replicate, self.seed)
 
     def config(self, values: Mapping[str, Any], condition: str = IDEAL) -> MissionConfig:
         """Return the configuration at tuned ``values`` under one of the campaign's conditions, or none; `UserError` where there is none."""
@@ -195,14 +174,6 @@ class MissionProblem(Problem):
     def held_out(self) -> tuple[str, ...]:
         """Return the rocks that a campaign may not tune on and an evaluation runs by default."""
         return tuple(procedural_rocks("held-out"))
-
-    def evaluated_on(self, rocks: Sequence[str] | None, replicates: int) -> tuple[tuple[str, ...], int]:
-        """Return rocks that can be loaded; of families their held-out rocks, one replicate each."""
-        if not rocks and are_drawn(self.rocks):
-            rocks = self.rocks
-        if rocks and are_drawn(expanded := with_families(rocks)):  # a replicate of a family is another rock
-            rocks, replicates = held_out_rocks_of(expanded, replicates), 1
-        return tuple(rock_arguments(rocks or self.held_out())), replicates
 
     def strategies(self, tuned: Evaluated, names: Sequence[str] | None) -> Strategies:
         """Return the tuned configurations and baselines at their number of photographs; unless the user ``names`` these, ablations, too."""

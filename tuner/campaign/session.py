@@ -18,7 +18,6 @@ from tuner.missions.job import MissionJob, Trial, load_trial
 from tuner.missions.pool import Executor
 from tuner.missions.registry import kind_on, uses_store
 from tuner.missions.run_jobs import Stop, long_run, run_jobs
-from tuner.problem.instances import family_of
 from tuner.problem.observations import Proposal, configuration_key, next_block, photographs_key
 from tuner.problem.search_space import Values
 from tuner.recommendation.recommendation import Recommendation
@@ -371,9 +370,9 @@ class ReproducibilityCheck:
     def require(self, trial: Trial, rock_sha256: str) -> None:
         """Raise `UserError` where the mission of ``trial`` met another rock than those before it under that name."""
         if self.is_another(trial, rock_sha256):
-            before, number = self._rocks[_name(trial)]
+            before, number = self._rocks[trial.rock]
             self._ask(
-                f"rock {_name(trial)} is another one since trial {number} (content {before[:12]} then, {rock_sha256[:12]} now)"
+                f"rock {trial.rock} is another one since trial {number} (content {before[:12]} then, {rock_sha256[:12]} now)"
             )
         self._remember(trial, rock_sha256)
 
@@ -381,20 +380,15 @@ class ReproducibilityCheck:
         return (
             not self._accept
             and bool(rock_sha256)
-            and self._rocks.get(_name(trial), (rock_sha256, 0))[0] != rock_sha256
+            and self._rocks.get(trial.rock, (rock_sha256, 0))[0] != rock_sha256
         )
 
     def _remember(self, trial: Trial, sha256: str) -> None:
         if sha256:
-            self._rocks[_name(trial)] = (sha256, trial.number)
+            self._rocks[trial.rock] = (sha256, trial.number)
 
     def _ask(self, what: str) -> None:
         raise UserError(
             f"{what}: its ledger would mix two kinds of missions; restore what it was, or go on all the same with "
             f"`gatetune campaign resume {shlex.quote(str(self._directory))} --accept-changes`"
         )
-
-
-def _name(trial: Trial) -> str:
-    """Return the name of the rock; of a family every replicate is another rock."""
-    return f"{trial.rock}, rock {trial.replicate}" if family_of(trial.rock) else trial.rock

@@ -85,8 +85,7 @@ class CampaignSettings(Section):
     )
     rocks: tuple[str, ...] = setting(
         lambda: tuple(procedural_rocks("train")),
-        "training rocks, names or mesh files; any-FAMILY (or any, for six families, any-shapes for five of no rocks) draws another rock for every mission, on "
-        "which the default runs, too",
+        "training rocks, names or mesh files",
         shown="the procedural ones",
         option="--rock",
         panel=WHAT,
@@ -274,8 +273,6 @@ class CampaignSettings(Section):
             self.conditions,
             self.fidelity,
             replicates=self.replicates,
-            budget=self.budget,
-            seed=self.seed,
             limited=self.limit is not None,
         )
 
@@ -309,8 +306,7 @@ class CampaignSettings(Section):
     def _arms(self) -> tuple[Proposal, ...]:
         """The missions that come first: the default and the baselines on the same blocks, block by block.
 
-        Blocks are all instances with one replicate, then with the next, as far as a quarter of the budget goes; one where rocks are
-        drawn and the default is the only baseline: there it runs beside all that is proposed.
+        Blocks are all instances with one replicate, then with the next, as far as a quarter of the budget goes.
         """
         problem = self.problem
         (default,) = (name for name, values in problem.arms.items() if values == problem.default)
@@ -323,8 +319,6 @@ class CampaignSettings(Section):
             len(problem.instances),
         )
         count -= count % once if count > once else 0  # as many in every instance
-        if problem.draws_rocks and len(names) == 1:
-            count = 1
         blocks = [(instance, k) for k in range(count) for instance in problem.instances][:count]
 
         def proposal(name: str, block: Block) -> Proposal:

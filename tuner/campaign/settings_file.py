@@ -20,7 +20,6 @@ from tuner.campaign.mission_problem import absolute_rocks, rock_arguments
 from tuner.campaign.settings import CampaignSettings
 from tuner.missions.registry import DEFAULT_FIDELITY, kind_on, mission_kind, usual_preset
 from tuner.problem.goal import parse_goal
-from tuner.problem.instances import with_families
 
 SETTINGS_FILE = "campaign.yaml"
 FORMAT_VERSION = 5
@@ -192,13 +191,9 @@ def settings_there(directory: Path, given: Mapping[str, Any]) -> CampaignSetting
 
 
 def _with_absolute_rocks(tree: Mapping[str, Any]) -> dict[str, Any]:
-    """Return ``tree`` with mesh files as absolute paths, and families of rocks by their names."""
-    placed = dict(tree)
-    if tree.get("rocks") is not None:
-        placed["rocks"] = absolute_rocks(with_families(tree["rocks"]))
-    if tree.get("compare_on") is not None:
-        placed["compare_on"] = absolute_rocks(tree["compare_on"])
-    return placed
+    """Return ``tree`` with mesh files as absolute paths."""
+    placed = {key: absolute_rocks(rocks) for key in ("rocks", "compare_on") if (rocks := tree.get(key))}
+    return {**tree, **placed}
 
 
 def resolved_settings(tree: Mapping[str, Any], source: str) -> CampaignSettings:

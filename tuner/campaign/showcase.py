@@ -28,9 +28,7 @@ def showcase_jobs(campaign: Campaign) -> list[MissionJob]:
     for name, values in (("default", best.default_values), (best.name, best.values)):
         config = problem.config(values, instance.condition)
         folder = campaign.directory / SHOWN / name
-        job = MissionJob(
-            f"{SHOWN}-{name}", config, problem.drawn_rock(instance.rock, 0), 0, folder, "all", s.fidelity
-        )
+        job = MissionJob(f"{SHOWN}-{name}", config, instance.rock, 0, folder, "all", s.fidelity)
         jobs.setdefault(config.digest(), job)
     return list(jobs.values())
 

@@ -184,7 +184,7 @@ def _export_plan(exported: Exported, rock: str | None, home: Home, out: Path | N
     remedy = "run a mission about your target (gatetune mission run --config gatetune.yaml --rock MESH) and export its directory"
     if exported.best is None or exported.strategy != exported.campaign.settings.problem.answers[-1].name:
         raise UserError(f"{exported.strategy} plans views, which hold for one target: {remedy}")
-    source, shown = _recommended_mission(run), Path(s.problem.drawn_rock(s.rocks[0], 0)).stem
+    source, shown = _recommended_mission(run), Path(s.rocks[0]).stem
     if rock is None or Path(rock).stem != shown:
         raise UserError(
             f"planned views hold for the target that they were planned on: name it with --rock {shown}, or {remedy}"

@@ -67,8 +67,7 @@ class MissionObjective:
         for instance in s.problem.instances:
             config = s.problem.config(by_path, instance.condition)
             for replicate in range(s.replicates):
-                rock = s.problem.drawn_rock(instance.rock, replicate)
-                result = kind_on(rock, s.fidelity)(config, rock, replicate, None)
+                result = kind_on(instance.rock, s.fidelity)(config, instance.rock, replicate, None)
                 measured = {**result.metrics, "costs": result.costs}
                 value, _ = s.objective.value_or_reason(result.status, measured)
                 if value is None:

@@ -99,7 +99,7 @@ def held_out(
     under = tuple(conditions or s.conditions)
     dataclasses.replace(s, conditions=under)  # says where the two contradict each other
     s.problem.strategies(_evaluated(source, found, under, ()), strategies)  # names, before rocks take minutes
-    chosen, replicates = source.evaluation_rocks(rocks, replicates)
+    chosen = source.evaluation_rocks(rocks)
     tuned = _evaluated(source, found, under, chosen)
     plan, notes = _against_baselines(s, tuned, strategies, replicates, fidelity)
     against = reference_of([name for name in plan.strategies if name not in ANSWERS], s.problem.reference)
@@ -142,9 +142,6 @@ def confirmation(
     configs, notes = s.problem.controls(_evaluated(source, found, s.conditions, chosen))
     # Replicates that nothing has run.
     first = max([s.problem.replicates, *(trial.replicate + 1 for trial in source.trials())])
-    if s.problem.draws_rocks:
-        chosen = tuple(s.problem.drawn_rock(rock, first + k) for k in range(replicates) for rock in chosen)
-        first, replicates = 0, 1
     plan = EvaluationPlan(
         configs, chosen, replicates, first_replicate=first, fidelity=fidelity, conditions=s.conditions
     )
@@ -204,7 +201,7 @@ def require_comparable(s: CampaignSettings) -> None:
     """
     if not s.compare_on:
         return
-    rocks, replicates = s.problem.evaluated_on(s.compare_on, AT_THE_END)
+    rocks = tuple(rock_arguments(s.compare_on))
     if s.learn_from:
         learned = learn_from(s.learn_from, s.problem, s.objective)
         if seen := {*learned.rocks, *learned.seen} & set(rocks):
@@ -214,7 +211,7 @@ def require_comparable(s: CampaignSettings) -> None:
             )
     for values in s.problem.arms.values():
         tuned = Evaluated({TUNED: values}, None, s.conditions, rocks)
-        plan, _ = _against_baselines(s, tuned, COMPARISON, replicates, s.fidelity)
+        plan, _ = _against_baselines(s, tuned, COMPARISON, AT_THE_END, s.fidelity)
         plan.require_runnable()
 
 

@@ -17,7 +17,7 @@ import numpy as np
 from nbv.config import MissionConfig
 from nbv.errors import UserError
 from nbv.types import Bools, Floats
-from tuner.problem.instances import Instance, are_drawn, rocks_of
+from tuner.problem.instances import Instance, rocks_of
 
 Value = float | int | str | bool
 Values = dict[str, Any]
@@ -379,11 +379,6 @@ class Problem:
     @property
     def rocks(self) -> tuple[str, ...]:
         return rocks_of(self.instances)
-
-    @property
-    def draws_rocks(self) -> bool:
-        """Whether every mission meets a fresh rock of a family."""
-        return are_drawn(self.rocks)
 
     @property
     def repeatable(self) -> tuple[Instance, ...]:

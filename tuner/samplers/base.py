@@ -18,7 +18,7 @@ import numpy as np
 
 from nbv.plugins import Registry
 from tuner.problem.goal import Goal
-from tuner.problem.observations import Block, Observation, Proposal, configuration_key, next_block
+from tuner.problem.observations import Observation, Proposal, next_block
 from tuner.problem.search_space import MANY_PARAMETERS, Problem, SearchSpace, Values
 
 if TYPE_CHECKING:
@@ -186,36 +186,14 @@ def ask_many(
     pending: Sequence[Observation],
     count: int,
 ) -> list[Proposal]:
-    """Return ``count`` proposals, each knowing those before.
-
-    Where rocks are drawn the default is proposed on every one that it has not run: a gain is not taken for an easy rock.
-    """
-    at_once, proposals, running = getattr(sampler, "ask_many", None), list[Proposal](), list(pending)
-    while (left := count - len(proposals)) > 0:
-        if settings.problem.draws_rocks and (block := _without_default(settings, [*history, *running])):
-            metadata = {"sampler": sampler.name, "phase": "beside the default"}
-            proposed = [Proposal(dict(settings.problem.default), metadata, *block)]
-        elif at_once is not None:
-            proposed = at_once(history, running, (left + 1) // 2 if settings.problem.draws_rocks else left)
-        else:
-            proposed = [sampler.ask(history, running)]
-        for proposal in proposed:
-            running.append(in_flight(settings, history, running, proposal))
-        proposals += proposed
+    """Return ``count`` proposals, each knowing those before."""
+    if (at_once := getattr(sampler, "ask_many", None)) is not None:
+        return list(at_once(history, pending, count))
+    proposals, running = list[Proposal](), list(pending)
+    for _ in range(count):
+        proposals.append(sampler.ask(history, running))
+        running.append(in_flight(settings, history, running, proposals[-1]))
     return proposals
-
-
-def _without_default(settings: SamplerSettings, missions: Sequence[Observation]) -> Block | None:
-    """Return the first block on which the default is missing; None after verification has begun."""
-    if settings.budget is not None and len(missions) >= VERIFICATION_BEGINS * settings.budget:
-        return None
-    space, evaluated = settings.problem.space, dict[Block, bool]()
-    default = configuration_key(space, settings.problem.default)
-    for m in missions:
-        block = (m.instance, m.replicate)
-        has_default = configuration_key(space, m.values) == default
-        evaluated[block] = evaluated.get(block, False) or has_default
-    return next((block for block, has_default in evaluated.items() if not has_default), None)
 
 
 # A class each, made of its settings and its name.

@@ -24,7 +24,7 @@ from tuner.problem.observations import (
     next_block,
 )
 from tuner.problem.search_space import Region, Values
-from tuner.recommendation.choose import JOINT, REPLICATES, TOP
+from tuner.recommendation.choose import JOINT, TOP
 from tuner.samplers.base import (
     VERIFICATION_BEGINS,
     SamplerSettings,
@@ -198,9 +198,9 @@ class GPSampler:
         if s.budget is None:
             return None
         number = missions_asked(history, running) - sum(o.repeat for o in history)
-        # A family has as many replicates as the budget has missions.
-        replicates = min(problem.replicates, REPLICATES) if problem.draws_rocks else problem.replicates
-        last = max(LEAST_VERIFIED, s.budget // 10) if constraint is None else len(problem.rocks) * replicates
+        last = max(LEAST_VERIFIED, s.budget // 10)
+        if constraint is not None:
+            last = len(problem.rocks) * problem.replicates
         if number < (s.budget - last if constraint is None else VERIFICATION_BEGINS * s.budget):
             return None
         region = problem.answers[-1 - (s.budget - 1 - number) % len(problem.answers)]

@@ -1,9 +1,8 @@
-"""Campaigns over families, rocks and conditions; at a number of photographs; and that learn from earlier ones."""
+"""Campaigns over rocks and conditions; at a number of photographs; and that learn from earlier ones."""
 
 import collections
 import dataclasses
 import functools
-import json
 import shutil
 from pathlib import Path
 from typing import Any
@@ -17,14 +16,13 @@ from in_process import InProcessExecutor
 
 from nbv.config import load_conditions
 from nbv.errors import UserError
-from nbv.rocks.families import SHAPES
 from tuner.campaign.begin import begin_campaign, learn_from
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.session import run_campaign
 from tuner.campaign.settings import CampaignSettings
-from tuner.campaign.settings_file import resolved_settings, settings_from_dict
+from tuner.campaign.settings_file import settings_from_dict
 from tuner.cli import app
-from tuner.comparison.of_campaign import held_out, require_comparable
+from tuner.comparison.of_campaign import require_comparable
 from tuner.problem.goal import Objective
 from tuner.problem.instances import Instance, instances_over
 from tuner.problem.observations import Observation
@@ -32,65 +30,6 @@ from tuner.problem.search_space import SearchSpace
 from tuner.problem.space_files import load_search_space, space_from_dict
 from tuner.report.campaign_page import write_campaign_report
 from tuner.samplers.earlier_missions import EarlierMissions
-
-BUDGET = 12
-
-
-def settings_of(*rocks: str, **more: object):
-    tree = {"name": "drawn", "space": "photographs", "fidelity": "geometric", "sampler": "sobol"}
-    return resolved_settings({**tree, "rocks": list(rocks), "budget": BUDGET, **more}, "test")
-
-
-@pytest.fixture(scope="module")
-def evaluated(tmp_path_factory: pytest.TempPathFactory) -> Campaign:
-    directory = tmp_path_factory.mktemp("drawn") / "run"
-    campaign = begin_campaign(directory, settings_of("any-slab", "any-boulder"))
-    run_campaign(campaign, InProcessExecutor())
-    return campaign
-
-
-@pytest.mark.slow
-def test_every_fresh_rock_is_flown_by_a_proposal_and_by_the_default(evaluated: Campaign) -> None:
-    default, trials = evaluated.settings.problem.default, evaluated.trials()
-    assert len(trials) == BUDGET
-    by_rock = collections.defaultdict(list)
-    for t in trials:
-        by_rock[t.rock, t.replicate].append(dict(t.values) == default)
-    before_verification = [t for t in trials if t.number < BUDGET * 2 // 3]
-    for t in before_verification[:-1]:
-        assert any(by_rock[t.rock, t.replicate])
-    proposals = [t for t in trials if dict(t.values) != default]
-    assert len({(t.rock, t.replicate) for t in proposals}) == len(proposals)
-
-
-@pytest.mark.slow
-def test_the_rock_met_is_a_training_rock_that_the_seed_decides(evaluated: Campaign) -> None:
-    met = collections.defaultdict(set)
-    for t in evaluated.trials():
-        rock = json.loads((t.record.directory / "mission.json").read_text())["rock"]
-        family, seed = rock.split("-")
-        assert t.rock == f"any-{family}" and int(seed) < 10_000
-        met[t.rock, t.replicate].add(rock)
-    assert all(len(rocks) == 1 for rocks in met.values())
-    assert len(set.union(*met.values())) == len(met)
-    other = settings_of("any-slab", seed=1).problem
-    assert other.drawn_rock("any-slab", 0) != evaluated.settings.problem.drawn_rock("any-slab", 0)
-
-
-@pytest.mark.slow
-def test_families_are_evaluated_on_their_own_held_out_rocks(evaluated: Campaign) -> None:
-    plan = held_out(evaluated, replicates=2, fidelity="geometric").plan
-    families = sorted({place.removeprefix("any-") for place in evaluated.settings.rocks})
-    assert sorted(plan.rocks) == sorted(f"{f}-{seed}" for f in families for seed in (20_000, 20_001))
-    assert plan.replicates == 1
-
-
-def test_shapes_are_drawn_as_rocks_are() -> None:
-    assert settings_of("any-shapes").rocks == tuple(f"any-{family}" for family in SHAPES)
-    for rocks in (("any", "any-slab"), ("any-shapes", "any-machine")):
-        with pytest.raises(UserError, match=f"'{rocks[1]}' is named twice"):
-            settings_of(*rocks)
-
 
 TWO = load_conditions(["ideal", "field"])
 
@@ -137,8 +76,6 @@ def test_settings_keep_what_their_conditions_were(tmp_path: Path) -> None:
     [
         ({"rocks": ()}, "no rocks"),
         ({"rocks": ("a", "a")}, "named twice"),
-        ({"rocks": ("any-pebble",)}, "no family 'pebble' of rocks; choose from boulder, slab"),
-        ({"rocks": ("any-slab", "fin")}, "any-slab is a family of rocks and 'fin' is a rock"),
         ({"overrides": {"telemetry.drift_m": 0.1}}, "drift_m is set by condition 'field' and by overrides"),
         ({"overrides": {"telemetry": "rtk"}}, "telemetry is set by condition 'field' and by overrides"),
     ],
@@ -278,11 +215,11 @@ def test_what_cannot_be_learned_from_is_named(earlier: Campaign, tmp_path: Path)
 
 @pytest.mark.slow
 def test_evaluation_refuses_rocks_that_were_learned_from(tmp_path: Path) -> None:
-    first = run_long(tmp_path / "first", rocks=("any-cleft",), sampler="sobol")
+    first = run_long(tmp_path / "first", rocks=("cleft-3",), sampler="sobol")
     second = run_long(tmp_path / "second", rocks=("boulder",), initial=24, learn_from=(str(first.directory),))
     sources = (str(second.directory),)
     third = run_long(tmp_path / "third", rocks=("slab",), budget=6, learn_from=sources)
-    for rock in ("boulder", first.settings.problem.drawn_rock("any-cleft", 0)):
+    for rock in ("boulder", "cleft-3"):
         with pytest.raises(UserError, match=rf"rock '{rock}' was tuned on in .* learned from"):
             app(["evaluate", str(third.directory), "--rock", rock], standalone_mode=False)
         with pytest.raises(UserError, match=f"{rock} is compared on, and what the campaign learns from"):
