@@ -36,7 +36,6 @@ MORE_FAILURES = 2  # from which on one plan fails more often than another: a sin
 CHOSEN_BY = {
     "default": "baselines",
     "arm": "baselines",
-    "beside the default": "baselines",
     "begin": "design",
     "earlier missions": "design",
     "initial design": "design",

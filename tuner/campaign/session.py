@@ -34,11 +34,9 @@ def simplified(campaign: Campaign) -> list[Proposal]:
 
     The list is empty where there is no such value, or where the simplified configurations have been tried already.
     """
-    return [
-        proposal
-        for best in campaign.recommendations(save=False).values()
-        for proposal in _simplified(campaign, best)
-    ]
+    space, found = campaign.settings.space, campaign.recommendations(save=False).values()
+    distinct = {configuration_key(space, best.values): best for best in found}
+    return [proposal for best in distinct.values() for proposal in _simplified(campaign, best)]
 
 
 def _simplified(campaign: Campaign, best: Recommendation) -> list[Proposal]:
@@ -49,11 +47,13 @@ def _simplified(campaign: Campaign, best: Recommendation) -> list[Proposal]:
     best_trials = [t for t in trials if t.state == "complete" and t.values == best.values]
     if not best_trials or not all(t.record.photographs for t in best_trials):
         return []
-    values = dict(best.values)
-    for paths in _parts(best.changed):
-        trial = space.settled({**values, **{path: best.default_values[path] for path in paths}})
-        if trial != values and _same_photographs(campaign, best_trials, trial):
-            values = trial
+    values, before = dict(best.values), None
+    while values != before:  # one threshold may have no effect only where the other has its default
+        before = values
+        for paths in _parts(best.changed):
+            trial = space.settled({**values, **{path: best.default_values[path] for path in paths}})
+            if trial != values and _same_photographs(campaign, best_trials, trial):
+                values = trial
     tried = {configuration_key(space, t.values) for t in trials}
     if values == best.values or configuration_key(space, values) in tried:
         return []

@@ -137,9 +137,8 @@ def show_answer(campaign: Campaign, *, save: bool = True) -> Answer:
         output.print(*words.table_lines(answer.tables[0], answer.metric, fly, narrow=narrow).for_terminal())
     if answer.recommended:
         output.print(*words.values_table(answer).for_terminal())
-        for name, gate in answer.gates.items():
-            if gate.views:
-                output.print(words.gate_sentence(name, gate), highlight=False)
+        for names, gate in words.alike({name: gate for name, gate in answer.gates.items() if gate.views}):
+            output.print(words.gate_sentence(names, gate), highlight=False)
         output.print(words.legend(answer.tables), style="dim")
     output.print(words.chosen_text(answer.chosen_by), highlight=False)
     output.print(f"What next: {answer.next.why}", highlight=False)

@@ -159,7 +159,9 @@ def _tuned(
         "missions": best.missions,
         "same": best.keep_default,
         "parameters": words.parameters_table(best.name, rows, metric),
-        "gate": words.gate_sentence(best.name, gate) if s.problem.config(best.values).planned_views else "",
+        "gate": words.gate_sentence(words.name_in_text(best.name), gate)
+        if s.problem.config(best.values).planned_views
+        else "",
         "split": _split_table(groups, best.name, evidence, unit),
         "best": _configurations(model, region, campaign, sign),
         "contour": contour,

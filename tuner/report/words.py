@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import collections
 from collections.abc import Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from nbv.config import MissionConfig
 from tuner.answer.answer import Advice, Answer, AnswerTable
@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from tuner.answer.effects import Effect, ParameterRow
     from tuner.answer.evidence import Evidence, GateFacts
 
+T = TypeVar("T")
 REFERENCE = "hyb-h"
 FLY_MARK = "→"
 LEGEND = (
@@ -85,12 +86,12 @@ def _worth(answer: Answer, fly: Advice) -> list[str]:
 def _tuned(answer: Answer, fly: Advice) -> list[str]:
     """Tuned plans that lead without being shown to be better, and what the others earn."""
     unit, lines = metric_label(answer.metric).difference_unit, list[str]()
-    for name, lead in fly.leads.items():
-        if name in answer.recommended or not lines:
-            lines.append(
-                f"{_capital(name_in_text(name))} leads it by {difference_text(lead)} {unit} on {counted(lead.rocks, 'target')}, "
-                "which is not shown to be a difference."
-            )
+    told = [name for i, name in enumerate(fly.leads) if name in answer.recommended or not i]
+    for names, lead in alike({name: fly.leads[name] for name in told}):
+        lines.append(
+            f"{_capital(names)} {'lead' if ' and ' in names else 'leads'} it by {difference_text(lead)} {unit} on "
+            f"{counted(lead.rocks, 'target')}, which is not shown to be a difference."
+        )
     table = answer.tables[0] if answer.tables else None  # the held-out one, where there is one
     rows = () if table is None else table.rows
     gate = next((row for row in rows if row.strategy == TUNED_GATE), None)
@@ -113,6 +114,16 @@ def name_in_text(strategy: str) -> str:
     if strategy.startswith("tuned") or is_orbit(strategy):
         return f"the {name[:1].lower()}{name[1:]}"
     return name[:1].lower() + name[1:] if name.startswith("Random") else name
+
+
+def alike(facts: Mapping[str, T]) -> list[tuple[str, T]]:
+    """Strategies inside a sentence, those with equal facts together: ``the tuned gate and the tuned planner``."""
+    values = list(facts.values())
+    distinct = [value for i, value in enumerate(values) if value not in values[:i]]
+    return [
+        (" and ".join(name_in_text(name) for name, other in facts.items() if other == value), value)
+        for value in distinct
+    ]
 
 
 def plan_words(config: MissionConfig) -> str:
@@ -297,9 +308,9 @@ def range_text(path: str, good: Sequence[Any]) -> str:
     return ", ".join(map(str, good))
 
 
-def gate_sentence(name: str, gate: GateFacts) -> str:
-    """What the gate of a tuned configuration did."""
-    who = _capital(name_in_text(name))
+def gate_sentence(names: str, gate: GateFacts) -> str:
+    """What the gate of a tuned configuration did; ``names`` as inside a sentence."""
+    who = _capital(names)
     views = sum(gate.views.values())
     if not views:
         return f"{who} has not planned a view in a mission that was kept."
@@ -307,10 +318,10 @@ def gate_sentence(name: str, gate: GateFacts) -> str:
     d95 = (
         "" if gate.d95_m is None else f", while d95 lay between {gate.d95_m[0]:.2f} and {gate.d95_m[1]:.2f} m"
     )
-    text = f"{who}: its gate switched in {gate.switched} of {counted(gate.missions, 'mission')} ({shares} of {views} views{d95})"
+    text = f"{who}: the gate switched in {gate.switched} of {counted(gate.missions, 'mission')} ({shares} of {views} views{d95})"
     if gate.alone:
-        text += f"; its thresholds leave {label(gate.alone)} alone"
-    return f"{text}. Of the campaign's {gate.all_missions} missions that planned views the gate switched in {gate.all_switched}."
+        text += f"; the thresholds leave {label(gate.alone)} alone"
+    return f"{text}. Of the campaign's {gate.all_missions} missions that planned views it switched in {gate.all_switched}."
 
 
 def chosen_text(chosen_by: Mapping[str, int]) -> str:
