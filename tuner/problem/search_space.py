@@ -26,7 +26,7 @@ Scale = Literal["linear", "log"]
 
 # From so many parameters on most of them are expected to be without effect: 64 missions cannot tell which of 18
 # matter otherwise.
-MANY_PARAMETERS = 16
+MANY_PARAMETERS = 14
 # What only the planner of a mission reads: without effect where no view is planned.
 PLANNERS = (
     *("gate.", "covis.", "b_aware.", "predicted."),

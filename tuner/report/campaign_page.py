@@ -26,6 +26,7 @@ from tuner.missions.job import Trial
 from tuner.problem.baselines import label
 from tuner.problem.goal import COUNTS
 from tuner.problem.instances import Instance
+from tuner.problem.observations import configuration_key
 from tuner.problem.search_space import PHOTOGRAPHS, Parameter, Region
 from tuner.recommendation.recommendation import Recommendation
 from tuner.report import words
@@ -79,6 +80,8 @@ def write_campaign_report(campaign: Campaign, answer: Answer | None = None) -> P
     fly = "" if answer.fly is None else answer.fly.strategy
     model = campaign.surrogate() if found else None
     main = found[list(found)[-1]] if found else None
+    # The answer of the larger region stands for one that is the same.
+    distinct = list({configuration_key(s.space, each.values): each for each in found.values()}.values())
     return write_page(
         directory / REPORT_FILE,
         "campaign.html.j2",
@@ -92,9 +95,7 @@ def write_campaign_report(campaign: Campaign, answer: Answer | None = None) -> P
         result_tables=[words.table_lines(table, answer.metric, fly) for table in answer.tables],
         by_target=words.by_target(evidence, answer.metric) if found else None,
         legend=words.legend(answer.tables) if answer.tables else "",
-        tuned=[]
-        if model is None
-        else [_tuned(campaign, answer, each, model, evidence) for each in found.values()],
+        tuned=[] if model is None else [_tuned(campaign, answer, each, model, evidence) for each in distinct],
         walk=f"{SHOWN}/{VIEW_FILE}" if (directory / SHOWN / VIEW_FILE).is_file() else "",
         warnings=_warnings(campaign, status, answer, model),
         chosen=words.chosen_text(answer.chosen_by),
@@ -155,7 +156,9 @@ def _tuned(
             *effects.gate_contour(model, s.space, best.values), best.values, gate.d95_m, metric, sign
         )
     return {
-        "name": label(best.name),
+        "name": " and ".join(
+            label(name) for name, each in answer.recommended.items() if each.values == best.values
+        ),
         "missions": best.missions,
         "same": best.keep_default,
         "parameters": words.parameters_table(best.name, rows, metric),

@@ -185,7 +185,8 @@ def draw_slices(
     for p, at, mean, half in sorted(slices, key=lambda slice_: -float(np.ptp(slice_[2]))):
         position = p.choices.index if p.kind == "categorical" else float
         with look():
-            figure = new_figure(2.8, 1.9)
+            figure = Figure(figsize=(2.8, 1.9))  # with margins of its own: half the time, of dozens
+            figure.subplots_adjust(left=0.15, right=0.97, bottom=0.13, top=0.87)
             axis = figure.subplots()
             xs = [position(v) for v in at]
             axis.fill_between(xs, mean - half, mean + half, color=BLUE, alpha=0.15, linewidth=0)

@@ -1,0 +1,185 @@
+"""How often does `make tune` find its best gate? Campaigns of many seeds on an emulator of its missions.
+
+    python -m research.emulated_campaigns docs/results/data/plan_and_gate_trials.csv --seeds 8 --many 16 14
+    python -m research.emulated_campaigns trials.csv --collect runs/tune runs/tune-1     # the emulator's data, from campaigns
+
+The emulator is a forest of extremely randomised trees (Geurts et al. 2006) over the trials of real campaigns: a target's mean and
+what seeds, ring and weights add to it. Weights of a scorer that chooses no view have no effect in it, nor have thresholds beyond the
+share of views that they leave to each scorer. Every mission has an error of its own, drawn by its configuration. A row of the table
+is a seed; it says what the recommendations gain over the default by the emulator's means, and in how many seeds that is at least
+`FOUND` of the best that any campaign was recommended.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import hashlib
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from sklearn.ensemble import ExtraTreesRegressor
+
+from nbv.types import Floats
+from tuner.campaign.campaign import Campaign
+from tuner.campaign.settings_file import QUICK, resolved_settings
+from tuner.problem.observations import Observation, next_block
+from tuner.recommendation.choose import recommend
+from tuner.samplers import base as samplers
+from tuner.surrogate import model as surrogate
+
+ROCKS: list[str] = QUICK["rocks"]
+NUMBER: int = QUICK["overrides"]["photographs"]
+D95_M = (0.22, 0.40)  # between which d95 lies in flight
+TERMS = ("nov", "move", "ang")
+NEVER = -3.0  # logarithm of a weight that is not asked
+ERROR = 0.7  # of the standard deviation out of bag: the rest is the forest's own
+FOUND = 0.85
+
+
+def features(values: Mapping[str, Any], rock: str) -> list[float]:
+    """What of a configuration has an effect, and the target."""
+    seeds = min(values["seeds"], NUMBER)
+    planned, turn = NUMBER - seeds, values["seed.layout"] == "turn"
+    low_m, high_m = D95_M
+    never_switches = float(np.clip((high_m - values["gate.d95_m"]) / (high_m - low_m), 0, 1))
+    until = float(np.clip((values["gate.budget_fraction"] * NUMBER - seeds) / max(planned, 1), 0, 1))
+    repairs = never_switches + (1 - never_switches) * until  # share of the planned views
+    predicts = repairs * (values["gate.geometry_scorer"] == "predicted") * (planned > 0)
+
+    def weights(scorer: str, *, asked: bool) -> list[float]:
+        return [float(np.log10(values[f"{scorer}.weights.{t}"])) if asked else NEVER for t in TERMS]
+
+    repairing = weights("b_aware", asked=repairs > 0.05 and planned > 0)
+    return [
+        ROCKS.index(rock),
+        seeds,
+        turn,
+        values["seed.lowest_deg"] if turn else 0.0,
+        values["seed.radius_m"] if turn else 4.0,
+        repairs if planned else -1.0,
+        predicts,
+        values["pool.max_elevation_deg"] if planned else 0.0,
+        *repairing,
+        *weights("covis", asked=repairs < 0.95 and planned > 0),
+        *(-predicts * weight for weight in repairing),
+        planned,
+    ]
+
+
+class Emulator:
+    """The outcome of a mission of `make tune`, from (values, target, outcome) of real ones."""
+
+    def __init__(self, trials: Sequence[tuple[Mapping[str, Any], str, float]]) -> None:
+        x = np.array([features(values, rock) for values, rock, _ in trials])
+        y = np.array([outcome for *_, outcome in trials])
+        _, distinct = np.unique(np.round(x, 4), axis=0, return_index=True)  # repeated photographs
+        x, y = x[distinct], y[distinct]
+        self._means = {k: float(y[x[:, 0] == k].mean()) for k in range(len(ROCKS))}
+        residual = y - [self._means[int(k)] for k in x[:, 0]]
+        self._forest = ExtraTreesRegressor(
+            400, min_samples_leaf=2, max_features=0.7, random_state=0, bootstrap=True, oob_score=True
+        ).fit(x, residual)
+        self.trials, self.r2 = len(y), float(self._forest.oob_score_)
+        self._sd = ERROR * float(np.std(residual - self._forest.oob_prediction_))
+
+    def outcome(self, values: Mapping[str, Any], rock: str, *, error: bool = True) -> float:
+        x = np.array(features(values, rock))
+        y = self._means[int(x[0])] + float(self._forest.predict(x[None])[0])
+        if error:
+            key = hashlib.sha256(repr(np.round(x, 2).tolist()).encode()).digest()
+            y += self._sd * np.random.default_rng(list(key)).standard_normal()
+        return min(y, 100.0)
+
+    def mean(self, values: Mapping[str, Any]) -> float:
+        return float(np.mean([self.outcome(values, rock, error=False) for rock in ROCKS]))
+
+
+def campaign(emulator: Emulator, seed: int) -> dict[str, float]:
+    """What each recommendation of a campaign gains over the default, by the emulator's means; two missions at a time."""
+    s = resolved_settings({**QUICK, "name": "emulated", "compare_on": [], "seed": seed}, "emulated")
+    sampler, problem = samplers.make_sampler("gp", s.search), s.problem
+    history, running = list[Observation](), list[Observation]()
+    while len(history) < s.budget:
+        while len(running) < 2 and len(history) + len(running) < s.budget:
+            proposal = sampler.ask(history, running)
+            instance, k = next_block(problem.instances, problem.replicates, [*history, *running], proposal)
+            number = len(history) + len(running)
+            running.append(
+                Observation(number, proposal.values, instance.rock, k, condition=instance.condition)
+            )
+        o = running.pop(0)
+        y = emulator.outcome(o.values, o.rock)
+        history.append(Observation(o.number, o.values, o.rock, o.replicate, y, y, condition=o.condition))
+    default = emulator.mean(problem.default)
+    return {n: emulator.mean(b.values) - default for n, b in recommend(problem, s.goal, history).items()}
+
+
+def collect(runs: Sequence[str], file: Path) -> None:
+    """Write the trials of real campaigns of `make tune`."""
+    rows = [
+        {"run": run, "rock": t.rock, "f_score": f"{t.raw:.4f}", **t.values}
+        for run in runs
+        for t in Campaign.open(run, read_only=True).trials()
+        if t.raw is not None and t.record.status
+    ]
+    with file.open("w", newline="") as out:
+        writer = csv.DictWriter(out, list(rows[0]))
+        writer.writeheader()
+        writer.writerows(rows)
+
+
+def read(file: Path) -> list[tuple[dict[str, Any], str, float]]:
+    texts = ("seed.layout", "gate.geometry_scorer")
+    with file.open() as opened:
+        rows = list(csv.DictReader(opened))
+    return [
+        (
+            {
+                path: text if path in texts else int(text) if path == "seeds" else float(text)
+                for path, text in row.items()
+                if path not in ("run", "rock", "f_score")
+            },
+            row["rock"],
+            float(row["f_score"]),
+        )
+        for row in rows
+    ]
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
+    parser.add_argument("file", type=Path)
+    parser.add_argument("--collect", nargs="*", default=[])
+    parser.add_argument("--seeds", type=int, default=8)
+    parser.add_argument(
+        "--many", type=int, nargs="*", default=[surrogate.MANY_PARAMETERS], help="values of MANY_PARAMETERS"
+    )
+    asked = parser.parse_args()
+    if asked.collect:
+        collect(asked.collect, asked.file)
+        return
+    emulator = Emulator(read(asked.file))
+    print(f"{emulator.trials} distinct missions, R2 out of bag {emulator.r2:.2f}")
+    gains: dict[int, Floats] = {}
+    for many in asked.many:
+        surrogate.MANY_PARAMETERS = samplers.MANY_PARAMETERS = many
+        found = []
+        for seed in range(asked.seeds):
+            gain = campaign(emulator, seed)
+            print(many, seed, {name: round(value, 2) for name, value in gain.items()}, flush=True)
+            found.append(list(gain.values()))
+        gains[many] = np.array(found)
+    best = max(each.max() for each in gains.values())
+    print(f"|sparse from|tuned gate, mean gain|least|tuned planner|least|gate found (≥ {FOUND * best:.1f})|")
+    print("|-:|-:|-:|-:|-:|-:|")
+    for many, each in gains.items():
+        means, least, count = each.mean(axis=0), each.min(axis=0), int((each[:, 0] >= FOUND * best).sum())
+        cells = [many, *(f"{x:.1f}" for pair in zip(means, least) for x in pair), f"{count} of {len(each)}"]
+        print("|".join(["", *map(str, cells), ""]))
+
+
+if __name__ == "__main__":
+    main()
