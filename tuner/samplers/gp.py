@@ -215,6 +215,18 @@ class GPSampler:
             constraint=constraint,
         )
 
+    def _other_choices(self) -> list[Values]:
+        """Return the default with each other choice of a categorical parameter: Sobol points change everything at once."""
+        space, default = self.settings.problem.space, self.settings.problem.default
+        others = [
+            space.settled({**default, p.path: choice})
+            for p in space.parameters
+            if p.kind == "categorical"
+            for choice in p.choices
+            if choice != default[p.path]
+        ]
+        return [values for values in others if values != default]
+
     def _design(self, number: int, history: Sequence[Observation]) -> Proposal:
         """Return a mission of the design."""
         if number < self.settings.first:
@@ -237,6 +249,9 @@ class GPSampler:
             if len(best) > nth:
                 return Proposal(best[nth], {"sampler": self.name, "phase": "earlier missions", "rank": nth})
         metadata: dict[str, Any] = {"sampler": self.name, "phase": "initial design", "point": number}
+        choices = self._other_choices()[: length // 3]
+        if 0 <= (nth := number - len(begin) - 1) < len(choices) and s.earlier is None:
+            return Proposal(choices[nth], metadata)
         region = self._region(number)
         near = len(problem.answers) == 1 and stays_near_default(space.dimension, s.trusted_default)
         if near and number % 2 == 1:
