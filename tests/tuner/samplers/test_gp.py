@@ -19,9 +19,9 @@ from tuner.acquisition.constrained import Constraint, propose_constrained, thomp
 from tuner.acquisition.propose import LogNoisyImprovement
 from tuner.problem.goal import Goal, Objective
 from tuner.problem.instances import Instance
-from tuner.problem.observations import Observation
+from tuner.problem.observations import Observation, changes
 from tuner.problem.search_space import TUNED, Problem, Region, Values
-from tuner.problem.space_files import space_from_dict
+from tuner.problem.space_files import load_search_space, space_from_dict
 from tuner.recommendation.choose import recommend
 from tuner.recommendation.recommendation import Recommendation
 from tuner.samplers.base import make_sampler
@@ -92,6 +92,18 @@ def test_a_space_begins_where_it_says_after_the_default() -> None:
     history = [Observation(0, synthetic.DEFAULT, "r0", 0, 0.5, 0.5)]
     proposal = make_sampler("gp", begun).ask(history, [])
     assert proposal.values == {**synthetic.DEFAULT, path: low} and proposal.metadata["phase"] == "begin"
+
+
+def test_the_design_has_the_default_with_each_other_choice() -> None:
+    settings = fake_campaigns.settings(space=load_search_space("plan_and_gate"), budget=80).search
+    sampler, default, history = make_sampler("gp", settings), settings.problem.default, list[Observation]()
+    for i in range(settings.initial):
+        history.append(Observation(i, sampler.ask(history, []).values, "a", 0, 0.5, 0.5))
+    alone = [changes(o.values, default) for o in history[settings.first :]]
+    assert ("gate.geometry_scorer",) in alone and ("seed.layout",) in alone
+    assert (
+        len([changed for changed in alone if len(changed) > 2]) > len(alone) // 2
+    )  # the rest of it is everywhere
 
 
 @pytest.mark.parametrize(("begins", "initial"), [(1, 6), (2, 6), (4, 6), (1, 2), (3, 12), (6, 8)])
