@@ -155,14 +155,13 @@ def _tuned(
         contour = draw_contour(
             *effects.gate_contour(model, s.space, best.values), best.values, gate.d95_m, metric, sign
         )
+    names = [name for name, each in answer.recommended.items() if each.values == best.values]
     return {
-        "name": " and ".join(
-            label(name) for name, each in answer.recommended.items() if each.values == best.values
-        ),
+        "name": " and ".join(map(label, names)),
         "missions": best.missions,
         "same": best.keep_default,
         "parameters": words.parameters_table(best.name, rows, metric),
-        "gate": words.gate_sentence(words.name_in_text(best.name), gate)
+        "gate": words.gate_sentence(" and ".join(map(words.name_in_text, names)), gate)
         if s.problem.config(best.values).planned_views
         else "",
         "split": _split_table(groups, best.name, evidence, unit),
@@ -203,8 +202,7 @@ def _configurations(model: InstanceMeanGP, region: Region, campaign: Campaign, s
     for each in effects.best_configurations(model, region, campaign.history(), number, sign):
         changed = [p for p, v in each.values.items() if v != s.problem.default[p] and p not in region.held]
         named = ", ".join(
-            f"{p.rpartition('.')[0].partition('.')[0]}.{p.rpartition('.')[2]} {words.value_text(p, each.values[p])}"
-            for p in changed[:5]
+            f"{p.replace('.weights.', '.')} {words.value_text(p, each.values[p])}" for p in changed[:5]
         )
         more = f" and {len(changed) - 5} more" if len(changed) > 5 else ""
         interval = f"{format_number(each.mean)} [{format_number(each.low)}, {format_number(each.high)}]"
