@@ -311,7 +311,7 @@ FAMILIES: dict[str, tuple[Callable[[Floats, np.random.Generator, int], Floats], 
     "breccia": (_breccia, "lobes with gaps between them"),
 }
 
-# No boulders.
+# Shapes that are no boulders.
 SHAPES = {
     "mesa": (_mesa, "a level top with sharp edges"),
     "limbs": (_limbs, "legs and arms that hide one another"),

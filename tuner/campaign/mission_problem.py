@@ -34,10 +34,7 @@ from tuner.problem.baselines import (
     target_must_be_located,
 )
 from tuner.problem.goal import COUNTS, Objective
-from tuner.problem.instances import (
-    Instance,
-    instances_over,
-)
+from tuner.problem.instances import Instance, instances_over
 from tuner.problem.observations import mission_key
 from tuner.problem.search_space import PHOTOGRAPHS, SEEDS, Problem, SearchSpace, Values, regions_of, value_at
 

@@ -26,7 +26,6 @@ from tuner.missions.job import Trial
 from tuner.problem.baselines import label
 from tuner.problem.goal import COUNTS
 from tuner.problem.instances import Instance
-from tuner.problem.observations import configuration_key
 from tuner.problem.search_space import PHOTOGRAPHS, Parameter, Region
 from tuner.recommendation.recommendation import Recommendation
 from tuner.report import words
@@ -80,8 +79,6 @@ def write_campaign_report(campaign: Campaign, answer: Answer | None = None) -> P
     fly = "" if answer.fly is None else answer.fly.strategy
     model = campaign.surrogate() if found else None
     main = found[list(found)[-1]] if found else None
-    # The answer of the larger region stands for one that is the same.
-    distinct = list({configuration_key(s.space, each.values): each for each in found.values()}.values())
     return write_page(
         directory / REPORT_FILE,
         "campaign.html.j2",
@@ -95,7 +92,12 @@ def write_campaign_report(campaign: Campaign, answer: Answer | None = None) -> P
         result_tables=[words.table_lines(table, answer.metric, fly) for table in answer.tables],
         by_target=words.by_target(evidence, answer.metric) if found else None,
         legend=words.legend(answer.tables) if answer.tables else "",
-        tuned=[] if model is None else [_tuned(campaign, answer, each, model, evidence) for each in distinct],
+        tuned=[]
+        if model is None
+        else [
+            _tuned(campaign, answer, names, values, model, evidence)
+            for names, values in words.alike({name: each.values for name, each in found.items()})
+        ],
         walk=f"{SHOWN}/{VIEW_FILE}" if (directory / SHOWN / VIEW_FILE).is_file() else "",
         warnings=_warnings(campaign, status, answer, model),
         chosen=words.chosen_text(answer.chosen_by),
@@ -138,10 +140,19 @@ def write_showcase_page(campaign: Campaign) -> Path | None:
 
 
 def _tuned(
-    campaign: Campaign, answer: Answer, best: Recommendation, model: InstanceMeanGP, evidence: Evidence
+    campaign: Campaign,
+    answer: Answer,
+    names: str,
+    values: Mapping[str, Any],
+    model: InstanceMeanGP,
+    evidence: Evidence,
 ) -> dict[str, Any]:
-    """One tuned configuration: its values and what they earned, by the model and by missions, with figures."""
+    """One tuned configuration: its values and what they earned, by the model and by missions, with figures.
+
+    ``names``: of the answers that have these ``values``; they are shown as those of the largest region.
+    """
     s, sign = campaign.settings, campaign.settings.objective.sign
+    best = [each for each in answer.recommended.values() if each.values == values][-1]
     region = next(region for region in s.problem.answers if region.name == best.name)
     metric = metric_label(s.objective.metric)
     unit = metric.difference_unit
@@ -155,15 +166,12 @@ def _tuned(
         contour = draw_contour(
             *effects.gate_contour(model, s.space, best.values), best.values, gate.d95_m, metric, sign
         )
-    names = [name for name, each in answer.recommended.items() if each.values == best.values]
     return {
-        "name": " and ".join(map(label, names)),
+        "name": names,
         "missions": best.missions,
         "same": best.keep_default,
         "parameters": words.parameters_table(best.name, rows, metric),
-        "gate": words.gate_sentence(" and ".join(map(words.name_in_text, names)), gate)
-        if s.problem.config(best.values).planned_views
-        else "",
+        "gate": words.gate_sentence(names, gate) if s.problem.config(best.values).planned_views else "",
         "split": _split_table(groups, best.name, evidence, unit),
         "best": _configurations(model, region, campaign, sign),
         "contour": contour,
