@@ -27,7 +27,6 @@ SETTINGS = declared(CampaignSettings)
 # `make tune`: the gate, then the planner, with 20 photographs in a dim hall, on rocks and on shapes with pockets: on what is nearly
 # convex an orbit is as good as any plan.
 QUICK: dict[str, Any] = {
-    "budget": 80,
     "rocks": ["slab", "part-1", "vesicular", "lever-0", "cavern", "figure-0"],
     "replicates": 1,
     "conditions": ["indoors"],
