@@ -1,6 +1,6 @@
 """How often does `make tune` find its best gate? Campaigns of many seeds on an emulator of its missions.
 
-    python -m research.emulated_campaigns docs/results/data/plan_and_gate_trials.csv --seeds 8 --many 16 14
+    python -m research.emulated_campaigns docs/results/data/plan_and_gate_trials.csv --seeds 16 --many 16 14
     python -m research.emulated_campaigns trials.csv --collect runs/tune runs/tune-1     # the emulator's data, from campaigns
 
 The emulator is a forest of extremely randomised trees (Geurts et al. 2006) over the trials of real campaigns: a target's mean and
@@ -107,9 +107,10 @@ class Emulator:
         return float(np.mean([self.outcome(values, rock, error=False) for rock in ROCKS]))
 
 
-def campaign(emulator: Emulator, seed: int) -> dict[str, float]:
+def campaign(emulator: Emulator, seed: int, missions: int) -> dict[str, float]:
     """What each recommendation of a campaign gains over the default, by the emulator's means; two missions at a time."""
-    s = resolved_settings({**QUICK, "name": "emulated", "compare_on": [], "seed": seed}, "emulated")
+    tree = {**QUICK, "name": "emulated", "compare_on": [], "seed": seed, "budget": missions}
+    s = resolved_settings(tree, "emulated")
     sampler, problem = samplers.make_sampler("gp", s.search), s.problem
     history, running = list[Observation](), list[Observation]()
     while len(history) < s.budget:
@@ -164,6 +165,7 @@ def main() -> None:
     parser.add_argument("file", type=Path)
     parser.add_argument("--collect", nargs="*", default=[])
     parser.add_argument("--seeds", type=int, default=8)
+    parser.add_argument("--missions", type=int, default=64)
     parser.add_argument(
         "--many", type=int, nargs="*", default=[surrogate.MANY_PARAMETERS], help="values of MANY_PARAMETERS"
     )
@@ -179,7 +181,7 @@ def main() -> None:
         surrogate.MANY_PARAMETERS = samplers.MANY_PARAMETERS = many
         found = []
         for seed in range(asked.seeds):
-            gain = campaign(emulator, seed)
+            gain = campaign(emulator, seed, asked.missions)
             print(many, seed, {name: round(value, 2) for name, value in gain.items()}, flush=True)
             found.append(list(gain.values()))
         gains[many] = np.array(found)
