@@ -22,10 +22,11 @@ from nbv.config import MissionConfig, load_condition, preset, under
 from nbv.mission.target_prior import with_size_error
 from nbv.photogrammetric import run_photogrammetric_mission
 from nbv.rocks import load_coarse_rock
+from nbv.rocks.families import generated_name
 from research.adaptive_plans import BASE
 from tuner.comparison.curves import PHOTOGRAPHS_PER_LOG_HEIGHT
 
-LEVELS, STOPS_PERCENT = (8, 16), (95.0, 98.0)
+LEVELS, STOPS_PERCENT = (8, 16, 24), (95.0, 98.0)
 FEWEST, MOST, SEEDS = 10, 40, 12
 HEAD = ("plan", "setting", "target", "photographs", "f_score")
 GOALS = (95.0, 98.0)
@@ -46,14 +47,17 @@ def configurations(base: MissionConfig, target: str) -> dict[tuple[str, float], 
 
 
 def table(rows: Sequence[dict[str, str]]) -> list[str]:
-    """A line for each plan and setting: photographs, F-score, and on how many targets it reaches the goals."""
-    lines = ["|plan|setting|targets|photographs|F-score|" + "|".join(f"F ≥ {g:g}" for g in GOALS) + "|"]
-    lines.append("|-|-:|-:|-:|-:|" + "-:|" * len(GOALS))
-    for plan, setting in dict.fromkeys((row["plan"], row["setting"]) for row in rows):
-        own = [row for row in rows if (row["plan"], row["setting"]) == (plan, setting)]
+    """A line for kind of target, plan and setting: photographs, F-score, and on how many targets it reaches the goals."""
+    groups: dict[tuple[str, str, str], list[dict[str, str]]] = {}
+    for row in rows:
+        kind = "rocks" if generated_name(row["target"]) is None else "shapes"
+        groups.setdefault((kind, row["plan"], row["setting"]), []).append(row)
+    lines = ["|kind|plan|setting|targets|photographs|F-score|" + "|".join(f"F ≥ {g:g}" for g in GOALS) + "|"]
+    lines.append("|-|-|-:|-:|-:|-:|" + "-:|" * len(GOALS))
+    for group, own in sorted(groups.items()):
         numbers = [float(row["photographs"]) for row in own]
         scores = np.array([float(row["f_score"]) for row in own])
-        cells = [plan, setting, len(own), f"{np.mean(numbers):.1f}", f"{scores.mean():.1f}"]
+        cells = [*group, len(own), f"{np.mean(numbers):.1f}", f"{scores.mean():.1f}"]
         lines.append("|".join(["", *map(str, cells), *(str((scores >= g).sum()) for g in GOALS), ""]))
     return lines
 
