@@ -24,7 +24,7 @@ Values = dict[str, Any]
 Kind = Literal["float", "int", "categorical"]
 Scale = Literal["linear", "log"]
 
-# From so many parameters on most of them are expected to be without effect: 80 missions cannot tell which of 14
+# From so many parameters on most of them are expected to be without effect: 64 missions cannot tell which of 14
 # matter otherwise (docs/results/index.md).
 MANY_PARAMETERS = 14
 # What only the planner of a mission reads: without effect where no view is planned.

@@ -95,7 +95,7 @@ def test_a_space_begins_where_it_says_after_the_default() -> None:
 
 
 def test_the_design_has_the_default_with_each_other_choice() -> None:
-    settings = fake_campaigns.settings(space=load_search_space("plan_and_gate"), budget=80).search
+    settings = fake_campaigns.settings(space=load_search_space("plan_and_gate"), budget=64).search
     sampler, default, history = make_sampler("gp", settings), settings.problem.default, list[Observation]()
     for i in range(settings.initial):
         history.append(Observation(i, sampler.ask(history, []).values, "a", 0, 0.5, 0.5))
