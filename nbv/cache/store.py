@@ -272,7 +272,9 @@ def _unpack(data: bytes) -> Arrays | None:
     try:
         with np.load(io.BytesIO(data), allow_pickle=False) as entry:
             arrays = {name: entry[name] for name in entry.files}
-        # Python reads as many members as the directory's size allows, without a look at how many the archive says that it has.
-        return arrays if len(arrays) == int.from_bytes(data[-12:-10], "little") else None
+        # Python reads as many members as the directory's size allows, without a look at how many the archive says that it has; and
+        # it looks for the archive's end in what follows as well, which is nothing here.
+        is_whole = data[-22:-18] == b"PK\x05\x06" and len(arrays) == int.from_bytes(data[-12:-10], "little")
+        return arrays if is_whole else None
     except Exception:  # zipfile, zlib and NumPy each raise families of their own
         return None

@@ -17,7 +17,7 @@ def file_of(store, key, kind="*"):
     return path
 
 
-@pytest.mark.parametrize("damage", ["flip", "truncate", "empty", "directory"])
+@pytest.mark.parametrize("damage", ["flip", "truncate", "empty", "directory", "comment"])
 def test_a_damaged_entry_is_noticed_and_can_be_made_anew(tmp_path, damage):
     store = Store(tmp_path)
     store.put("pairs", "cd34", {"m": np.arange(100)})
@@ -27,6 +27,8 @@ def test_a_damaged_entry_is_noticed_and_can_be_made_anew(tmp_path, damage):
         data[len(data) // 2] ^= 1
     if damage == "directory":  # of no size: as if the archive had no members
         data[-10:-6] = bytes(4)
+    if damage == "comment":  # an archive without members, and something behind its end
+        data = bytearray(b"PK\5\6" + bytes(30))
     path.write_bytes(bytes(data[:-7] if damage == "truncate" else b"" if damage == "empty" else data))
     assert store.get("pairs", "cd34") is None
     assert not path.exists()
