@@ -14,7 +14,6 @@ is a seed; it says what the recommendations gain over the default by the emulato
 from __future__ import annotations
 
 import argparse
-import csv
 import hashlib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -24,6 +23,7 @@ import numpy as np
 from sklearn.ensemble import ExtraTreesRegressor
 
 from nbv.types import Floats
+from research import read_rows, write_rows
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.settings_file import QUICK, resolved_settings
 from tuner.problem.observations import Observation, next_block
@@ -136,16 +136,11 @@ def collect(runs: Sequence[str], file: Path) -> None:
         for t in Campaign.open(run, read_only=True).trials()
         if t.raw is not None and t.record.status
     ]
-    with file.open("w", newline="") as out:
-        writer = csv.DictWriter(out, list(rows[0]))
-        writer.writeheader()
-        writer.writerows(rows)
+    write_rows(file, list(rows[0]), rows)
 
 
 def read(file: Path) -> list[tuple[dict[str, Any], str, float]]:
     texts = ("seed.layout", "gate.geometry_scorer")
-    with file.open() as opened:
-        rows = list(csv.DictReader(opened))
     return [
         (
             {
@@ -156,7 +151,7 @@ def read(file: Path) -> list[tuple[dict[str, Any], str, float]]:
             row["rock"],
             float(row["f_score"]),
         )
-        for row in rows
+        for row in read_rows(file)
     ]
 
 

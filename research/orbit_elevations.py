@@ -21,6 +21,7 @@ from nbv.config import MissionConfig, load_conditions, preset, under
 from nbv.photogrammetric import run_photogrammetric_mission
 from nbv.rocks.families import SHAPES
 from nbv.types import Floats
+from research import read_rows
 from tuner.campaign.settings_file import QUICK
 from tuner.problem.baselines import BASELINES, ONE_RING
 from tuner.problem.intervals import mean_interval
@@ -66,8 +67,7 @@ def fly(out: Path, targets: Sequence[str]) -> None:
 
 def read(path: Path) -> dict[tuple[str, str], float]:
     """Scores by plan and target."""
-    with path.open() as file:
-        return {(row["plan"], row["target"]): float(row["f_score_48mm"]) for row in csv.DictReader(file)}
+    return {(row["plan"], row["target"]): float(row["f_score_48mm"]) for row in read_rows(path)}
 
 
 def kind_of(target: str) -> str:

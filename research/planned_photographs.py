@@ -9,7 +9,6 @@ the table is printed, over targets and replicates that both plans have.
 from __future__ import annotations
 
 import argparse
-import csv
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -18,6 +17,7 @@ import numpy as np
 
 from nbv.config import MissionConfig, load_condition, preset, under
 from nbv.photogrammetric import run_photogrammetric_mission
+from research import read_rows, write_rows
 from research.adaptive_plans import BASE
 from tuner.problem.intervals import mean_interval
 from tuner.report.labels import difference_text
@@ -68,10 +68,7 @@ def flown(config: MissionConfig, target: str, replicate: int) -> dict[str, Any]:
 
 
 def read(path: Path) -> Rows:
-    if not path.exists():
-        return {}
-    with path.open() as file:
-        rows = list(csv.DictReader(file))
+    rows = read_rows(path)
     return {(r["plan"], r["target"], int(r["photographs"]), int(r["replicate"])): r for r in rows}
 
 
@@ -142,10 +139,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
                 given = dict(zip(HEAD, key))
                 rows[key] = {**given, **flown(base.with_values(values), target, replicate)}
                 print(rows[key], flush=True)
-                with asked.file.open("w", newline="") as file:
-                    writer = csv.DictWriter(file, HEAD, extrasaction="ignore")
-                    writer.writeheader()
-                    writer.writerows(rows.values())
+                write_rows(asked.file, HEAD, rows.values())
     print("\n".join(table(rows)))
 
 

@@ -7,14 +7,13 @@
 States of geometric missions: orbits, and plans on their way. The sparse model gives the prediction, the simulator the
 completeness at 48 mm of the observable surface. ``fit`` runs rocks of training seeds of all families and the shapes that may
 be fitted to, prints what is to be put into `nbv.scorers.prediction.Calibration` by hand, and predicts every rock by a fit
-without it. ``--rocks`` counts seeds of each family. ``shapes`` predicts the shapes of `research.other_shapes`, and says how
-planned views do against random ones; ``photographs`` predicts missions with photographs. A failed mission is left out.
+without it. ``--rocks`` counts seeds of each family. ``shapes`` predicts the shapes of `research.other_shapes`; ``photographs``
+predicts missions with photographs. A failed mission is left out.
 """
 
 from __future__ import annotations
 
 import argparse
-import csv
 import functools
 import itertools
 from pathlib import Path
@@ -29,6 +28,7 @@ from nbv.geometric.completeness import predicted_metrics
 from nbv.rocks.families import EVERY
 from nbv.scorers.prediction import LEAST_UNKNOWN, Calibration, predict
 from nbv.types import Floats, SparseModel
+from research import write_rows
 from research.adaptive_plans import base, rocks_of, run_missions
 from research.other_shapes import KEPT, LATER, SEEN
 
@@ -47,7 +47,6 @@ PLANS: dict[str, dict[str, Any]] = {
     "adaptive": {"photographs": 48, "seeds": 12, "gate.kind": "predicted"},
 }
 ARMS = {"random": {**PLANS["adaptive"], "gate.kind": "random"}}  # to compare with
-COMPARED = (16, 20, 24, 28, 32, 40)
 ON_THE_WAY = (12, 16, 20, 24, 28, 32, 40, 48)
 HEAD = ("rock", "plan", "photographs", "completeness", "mean_chance", "unknown", "predicted")
 TOLD_FROM = 16
@@ -166,24 +165,6 @@ def too_high(rows: list[dict[str, Any]]) -> list[str]:
     ]
 
 
-def compare_arms(rows: list[dict[str, Any]]) -> list[str]:
-    """Mean F-score of the planned and of random views by number of photographs, over what all arms have."""
-    lines = []
-    for count in COMPARED:
-        of = {
-            arm: {row["rock"]: row for row in rows if row["plan"] == arm and int(row["photographs"]) == count}
-            for arm in ("adaptive", *ARMS)
-        }
-        rocks = sorted(set.intersection(*(set(rows_of) for rows_of in of.values())))
-        scores = {arm: percent([of[arm][rock] for rock in rocks], "completeness") for arm in of}
-        told = ", ".join(
-            f"{arm} {of_arm.mean():.2f} ({(of_arm - scores['random']).min():+.1f} at worst)"
-            for arm, of_arm in scores.items()
-        )
-        lines.append(f"{count} photographs, {len(rocks)} shapes: {told}")
-    return lines
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
     parser.add_argument("what", choices=("fit", "shapes", "photographs"))
@@ -205,14 +186,11 @@ def main() -> None:
         print(Calibration(*(round(float(w), 2) for w in fit(rows))))
         predict_without_the_rock(rows)
     if arguments.what == "shapes":
-        print("\n".join([*report(rows), *compare_arms(rows)]))
+        print("\n".join(report(rows)))
     else:
         tell_families(rows)
     if arguments.out is not None:
-        with arguments.out.open("w", newline="") as file:
-            writer = csv.DictWriter(file, HEAD)
-            writer.writeheader()
-            writer.writerows(rows)
+        write_rows(arguments.out, HEAD, rows)
 
 
 def tell_families(rows: list[dict[str, Any]]) -> None:

@@ -8,7 +8,6 @@ python -m research.real_photographs tell OUT ... --csv FILE
 from __future__ import annotations
 
 import argparse
-import csv
 import itertools
 import shutil
 from collections.abc import Iterable, Sequence
@@ -21,6 +20,7 @@ from nbv.config import IDEAL, MissionConfig, load_condition, preset, under
 from nbv.mission import MissionResult
 from nbv.photographs import PhotographSet
 from nbv.rocks.catalogue import is_photographed
+from research import write_rows
 from tuner.missions.registry import kind_on
 from tuner.problem.intervals import mean_interval
 
@@ -154,10 +154,7 @@ def tell(asked: argparse.Namespace) -> None:
             )
             print(f"|{name}|{said}|{np.mean(scores):.1f}|{min(scores):.1f}|{end:.0f}|{when}|{over}|")
     if asked.csv:
-        with asked.csv.open("w", newline="") as file:
-            writer = csv.DictWriter(file, COLUMNS, lineterminator="\n")
-            writer.writeheader()
-            writer.writerows(rows)
+        write_rows(asked.csv, COLUMNS, rows)
 
 
 def _over(evaluated: dict[int, dict[str, Any]], other: dict[int, dict[str, Any]]) -> str:

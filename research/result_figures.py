@@ -7,7 +7,6 @@ all of them unless given.
 """
 
 import argparse
-import csv
 from collections.abc import Callable
 from pathlib import Path
 
@@ -15,47 +14,15 @@ import matplotlib
 
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt
-from matplotlib.axes import Axes
 
-Row = dict[str, str]
-NAMES = {"optuna-gp": "Optuna's GP", "smac": "SMAC3", "ax": "Ax", "tpe": "TPE", "hebo": "HEBO"}
-WAYS = {"": "", "all": ", all rocks each", "pruned": ", pruned"}  # how a peer runs many rocks
-BLUE, ORANGE, GREEN, GREY = "#0072B2", "#D55E00", "#009E73", "#777777"
+from research import read_rows
 
-
-def read(data: Path, name: str) -> list[Row]:
-    """Rows of ``data/name.csv``."""
-    with (data / f"{name}.csv").open(newline="", encoding="utf-8") as file:
-        return list(csv.DictReader(file))
-
-
-def forest(
-    axes: Axes, labels: list[str], values: list[tuple[float, float, float]], colour: str = BLUE
-) -> None:
-    """One line per label: value with its interval (low, high); the first label on top."""
-    for place, (value, low, high) in enumerate(values):
-        axes.plot([low, high], [place, place], color=colour, linewidth=2)
-        axes.plot(value, place, "o", color=colour)
-    axes.axvline(0, color="black", linewidth=0.8)
-    axes.set_yticks(range(len(labels)), labels)
-    axes.invert_yaxis()
-    axes.grid(axis="x", alpha=0.3)
-
-
-def with_interval(row: Row, column: str) -> tuple[float, float, float]:
-    """Value, lower and upper end of a column that the file holds as three."""
-    return float(row[column]), float(row[f"{column}, low"]), float(row[f"{column}, high"])
-
-
-def label(strategy: str) -> str:
-    """What a reader calls a peer that the benchmark calls ``name`` or ``name/way``."""
-    name, _, way = strategy.partition("/")
-    return NAMES[name] + WAYS[way]
+BLUE, GREY = "#0072B2", "#777777"
 
 
 def speed(data: Path) -> plt.Figure:
     """CPU seconds of a paper mission, the authors' way and ours."""
-    rows = read(data, "speed_authors_way")
+    rows = read_rows(data / "speed_authors_way.csv")
     labels = ["authors' way", "ours, nothing cached", "ours, warm, new views", "ours, warm, known views"]
     seconds = [float(row["total"].replace(",", "")) for row in rows]
     figure, axes = plt.subplots(figsize=(7, 2.4))

@@ -10,10 +10,8 @@ which is read first: missions that it holds are not flown again. Then the table 
 from __future__ import annotations
 
 import argparse
-import csv
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -23,6 +21,7 @@ from nbv.mission.target_prior import with_size_error
 from nbv.photogrammetric import run_photogrammetric_mission
 from nbv.rocks import load_coarse_rock
 from nbv.rocks.families import generated_name
+from research import read_rows, write_rows
 from research.adaptive_plans import BASE
 from tuner.comparison.curves import PHOTOGRAPHS_PER_LOG_HEIGHT
 
@@ -67,10 +66,7 @@ def main() -> None:
     parser.add_argument("file", type=Path)
     parser.add_argument("--targets", nargs="*", default=[])
     asked = parser.parse_args()
-    rows: list[dict[str, Any]] = []
-    if asked.file.exists():
-        with asked.file.open() as file:
-            rows = list(csv.DictReader(file))
+    rows = read_rows(asked.file)
     done = {(row["plan"], float(row["setting"]), row["target"]) for row in rows}
     base = under(preset("campaign").with_values(BASE), load_condition("indoors"))
     for target in asked.targets:
@@ -82,10 +78,7 @@ def main() -> None:
             values = (plan, setting, target, int(result.costs["images"]), f"{score:.3f}")
             rows.append(dict(zip(HEAD, values)))
             print(rows[-1], flush=True)
-            with asked.file.open("w", newline="") as out:
-                writer = csv.DictWriter(out, HEAD)
-                writer.writeheader()
-                writer.writerows(rows)
+            write_rows(asked.file, HEAD, rows)
     print("\n".join(table(rows)))
 
 
