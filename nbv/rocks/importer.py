@@ -172,7 +172,11 @@ def _upright(mesh: FileMesh, turn: Floats, height_m: float, notes: list[str]) ->
         )
     sideways_m = float(np.abs(placed[:, :2]).max())
     if sideways_m > 1.5:
-        notes.append(f"reaches {sideways_m:.2f} m sideways, beyond the evaluation's default crop of 1.5 m")
+        fits_m = np.floor(150.0 * height_m / sideways_m) / 100.0
+        notes.append(
+            f"reaches {sideways_m:.2f} m sideways, beyond the evaluation's default crop of 1.5 m: what lies beyond is not measured; "
+            f"with a height of {fits_m:g} m all of it is inside"
+        )
     return replace(mesh, values=np.hstack([placed, mesh.values[:, 3:]]))
 
 

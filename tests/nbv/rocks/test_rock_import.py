@@ -67,6 +67,16 @@ def test_up_axis_comes_out_on_top_without_mirroring(tmp_path, up):
     assert describe(rock)["volume_m3"] == pytest.approx(hull.volume * (SMALL_M / 2) ** 3, rel=1e-6)
 
 
+def test_of_a_mesh_wider_than_the_crop_the_height_is_told_that_fits(tmp_path):
+    path = tmp_path / "flat.stl"
+    trimesh.creation.box(extents=(4.0, 2.0, 0.4)).export(path)
+    wide = import_mesh(path, height_m=SMALL_M)
+    note = next(note for note in wide.notes if "2.00 m sideways" in note)
+    fits_m = float(note.split("a height of ")[1].split()[0])
+    assert fits_m == pytest.approx(0.3)
+    assert not any("sideways" in note for note in import_mesh(path, height_m=fits_m).notes)
+
+
 def test_inside_out_and_mixed_winding_are_mended(tmp_path):
     box = trimesh.creation.icosphere(subdivisions=1)
     box.invert()
