@@ -59,12 +59,13 @@ def plans(photographs: int) -> dict[str, dict[str, Any]]:
 
 
 def flown(config: MissionConfig, target: str, replicate: int) -> dict[str, Any]:
-    """F-score at 48 mm of the observable surface (0 for a failed mission), and what the mission expected."""
+    """F-score at 48 mm of the observable surface (0 for a failed mission), numbers of photographs, and what the mission expected."""
     result = run_photogrammetric_mission(config, target, replicate)
     metrics: Mapping[str, Any] = result.metrics or {}
     score = metrics.get("observable", {}).get("f_score_48mm", 0.0)
     expected = {name: f"{share:.3f}" for name, share in metrics.get("expected_share", {}).items()}
-    return {"f_score": f"{score:.3f}", "registered": int(result.costs["registered_images"]), **expected}
+    images, registered = (int(result.costs[name]) for name in ("images", "registered_images"))
+    return {"f_score": f"{score:.3f}", "images": images, "registered": registered, **expected}
 
 
 def read(path: Path) -> Rows:

@@ -33,6 +33,7 @@ trimesh: Any = lazy_loader.load("trimesh")  # half a second, and most commands r
 MAX_EDGE_M = 0.009  # longest edge after subdivision; the mean comes out below 6 mm
 MAX_FINE_FACES = 3_000_000  # beyond this the subdivision is coarser
 SURELY = 1.2  # so many times the limit foretold, and subdivision passes it
+LOWEST_M = 0.1  # a target is no lower
 MAX_REACH_M = 3.0  # viewpoints are 3.5 m from the target
 MAX_LISTED = 8  # bodies, by size
 MAX_STEP, FAR = 0.002, 100.0  # of coordinates, and how far they are, in sizes of the body
@@ -71,8 +72,8 @@ def import_mesh(
         raise UserError(f"up is {up!r}; allowed: {', '.join(('auto', *_UP))}")
     if split not in SPLITS:
         raise UserError(f"split is {split!r}; allowed: {', '.join(SPLITS)}")
-    if not 0.1 <= height_m <= 5.0:
-        raise UserError(f"height_m is {height_m!r}; it must be between 0.1 and 5 m")
+    if not LOWEST_M <= height_m <= 5.0:
+        raise UserError(f"height_m is {height_m!r}; it must be between {LOWEST_M:g} and 5 m")
     if body is not None and body < 1:
         raise UserError(f"body is {body}; the largest is 1")
     if not path.is_file():
@@ -172,11 +173,12 @@ def _upright(mesh: FileMesh, turn: Floats, height_m: float, notes: list[str]) ->
         )
     sideways_m = float(np.abs(placed[:, :2]).max())
     if sideways_m > 1.5:
-        fits_m = np.floor(150.0 * height_m / sideways_m) / 100.0
         notes.append(
-            f"reaches {sideways_m:.2f} m sideways, beyond the evaluation's default crop of 1.5 m: what lies beyond is not measured; "
-            f"with a height of {fits_m:g} m all of it is inside"
+            f"reaches {sideways_m:.2f} m sideways, beyond the evaluation's default crop of 1.5 m: what lies beyond is not measured"
         )
+        fits_m = np.floor(150.0 * height_m / sideways_m) / 100.0
+        if fits_m >= LOWEST_M:
+            notes[-1] += f"; with a height of {fits_m:g} m all of it is inside"
     return replace(mesh, values=np.hstack([placed, mesh.values[:, 3:]]))
 
 

@@ -75,6 +75,8 @@ def test_of_a_mesh_wider_than_the_crop_the_height_is_told_that_fits(tmp_path):
     fits_m = float(note.split("a height of ")[1].split()[0])
     assert fits_m == pytest.approx(0.3)
     assert not any("sideways" in note for note in import_mesh(path, height_m=fits_m).notes)
+    trimesh.creation.box(extents=(4.0, 2.0, 0.12)).export(path)
+    assert not any("a height of" in note for note in import_mesh(path, height_m=0.12).notes)
 
 
 def test_inside_out_and_mixed_winding_are_mended(tmp_path):
