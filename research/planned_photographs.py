@@ -19,6 +19,7 @@ from nbv.config import MissionConfig, load_condition, preset, under
 from nbv.photogrammetric import run_photogrammetric_mission
 from research import read_rows, write_rows
 from research.adaptive_plans import BASE
+from tuner.problem.baselines import TWO_RINGS
 from tuner.problem.intervals import mean_interval
 from tuner.report.labels import difference_text
 
@@ -48,6 +49,7 @@ def plans(photographs: int) -> dict[str, dict[str, Any]]:
     return {
         CONTROL: orbit(15.0),
         "orbit at 10°": orbit(10.0),
+        "two rings at 10° and 35°": {**orbit(10.0), **TWO_RINGS},
         HYB_H: from_paper_rings(SEEDS),
         "tuned gate: the same seeds, by *predicted*": from_paper_rings(SEEDS, **tuned),
         "the same seeds and pool, at random": from_paper_rings(SEEDS, **tuned, **{"gate.kind": "random"}),
