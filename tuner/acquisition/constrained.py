@@ -27,7 +27,7 @@ from tuner.problem.goal import with_second_first
 from tuner.problem.observations import Observation
 from tuner.problem.search_space import Problem, Values
 from tuner.surrogate.fit import numerics, probability_positive, pruned, tensor
-from tuner.surrogate.model import InstanceMeanGP, moments
+from tuner.surrogate.model import InstanceMeanGP
 
 _CHUNK = 64
 SURE = 0.8  # probability from which on a configuration is taken to meet a constraint
@@ -83,9 +83,8 @@ class Constraint:
         model = self.model
         unit, configurations = model.evaluated
         mean, _ = self.means_and_sds(configurations)
-        with torch.no_grad():
-            level, _ = moments(model.model.posterior(model.inputs(unit)))
-        return (self.at_least - float(np.mean(mean - model.mean_scale * level))) / model.mean_scale
+        level = model.mean_scale * model.means(unit)
+        return (self.at_least - float(np.mean(mean - level))) / model.mean_scale
 
     def is_hopeless(self) -> bool:
         """Whether nothing that was run has a chance to meet the constraint, which only missions show."""
@@ -95,10 +94,10 @@ class Constraint:
         """Return (few, d) unit positions run: the best that may meet the constraint, else those nearest to it."""
         unit, configurations = self.model.evaluated
         chance = self.probability(configurations)
-        with torch.no_grad():
-            means, _ = moments(first.model.posterior(first.inputs(unit)))
         nearest = -self.means_and_sds(configurations)[0]
-        order = np.lexsort((-means, chance < 0.5)) if (chance >= 0.5).any() else np.argsort(nearest)
+        order = np.argsort(nearest)
+        if (chance >= 0.5).any():
+            order = np.lexsort((-first.means(unit), chance < 0.5))
         best: Floats = unit[order[:LOCAL_BEST]]
         return best
 
@@ -174,7 +173,14 @@ def thompson_configurations(
         points = np.unique([model.space.snap(x) for x in points], axis=0)
         inputs = model.inputs(points)
         generator = torch.Generator().manual_seed(seed)
-        draws, *others = (_drawn(m, inputs, count, generator) for m in models)
+
+        def drawn(model: InstanceMeanGP) -> torch.Tensor:  # (count, points) on the model's own scale
+            normal = torch.randn(count, len(inputs), generator=generator, dtype=inputs.dtype)
+            return model.model.posterior(inputs).rsample_from_base_samples(torch.Size([count]), normal)[
+                ..., 0
+            ]
+
+        draws, *others = map(drawn, models)
         if constraint is not None:  # of what costs the same the better one
             (second,) = others
             draws = torch.where(
@@ -191,11 +197,3 @@ def thompson_configurations(
             one[chosen] = -torch.inf
         chosen.append(int(one.argmax()))
     return [model.space.from_unit(points[i]) for i in chosen]
-
-
-def _drawn(
-    model: InstanceMeanGP, inputs: torch.Tensor, count: int, generator: torch.Generator
-) -> torch.Tensor:
-    """Return (count, points) draws on the model's own scale."""
-    normal = torch.randn(count, len(inputs), generator=generator, dtype=inputs.dtype)
-    return model.model.posterior(inputs).rsample_from_base_samples(torch.Size([count]), normal)[..., 0]

@@ -19,7 +19,7 @@ from linear_operator.utils.cholesky import psd_safe_cholesky
 from nbv.types import Floats
 from tuner.problem.search_space import Region, Values
 from tuner.surrogate.fit import EXACT_MISSIONS, numerics, pruned
-from tuner.surrogate.model import InstanceMeanGP, moments
+from tuner.surrogate.model import InstanceMeanGP
 
 POINTS_AT_ONCE = 128
 LOCAL_BEST = 4
@@ -167,9 +167,7 @@ def starting_points(
 
 def best_of(model: InstanceMeanGP, unit: Floats) -> Floats:
     """Return those `LOCAL_BEST` of (n, d) unit positions with the best posterior means, best first."""
-    with torch.no_grad():
-        mean, _ = moments(model.model.posterior(model.inputs(unit)))
-    best: Floats = unit[np.argsort(-mean)[:LOCAL_BEST]]
+    best: Floats = unit[np.argsort(-model.means(unit))[:LOCAL_BEST]]
     return best
 
 

@@ -26,8 +26,7 @@ from tuner.missions.run_jobs import exclusive
 from tuner.problem.goal import Objective
 from tuner.problem.observations import Observation
 from tuner.problem.search_space import Values, value_at
-from tuner.samplers.base import make_sampler
-from tuner.samplers.earlier_missions import EarlierMissions
+from tuner.samplers.base import EarlierMissions, make_sampler
 
 # The missions of earlier campaigns, moved into a search space: a campaign's sampler learns from them.
 #

@@ -40,8 +40,7 @@ from tuner.missions.job import MissionJob, Trial, repeated
 from tuner.missions.run_jobs import exclusive
 from tuner.problem.observations import Observation, Proposal, configuration_key
 from tuner.recommendation.recommendation import Recommendation
-from tuner.samplers.base import Sampler, SamplerSettings, ask_many, make_sampler
-from tuner.samplers.earlier_missions import EarlierMissions
+from tuner.samplers.base import EarlierMissions, Sampler, SamplerSettings, ask_many, make_sampler
 
 if TYPE_CHECKING:
     from tuner.campaign.ledger import Ledger

@@ -8,6 +8,8 @@ plans, which a campaign runs with all replicates on every training rock first: e
 from __future__ import annotations
 
 import dataclasses
+import functools
+import json
 import math
 import warnings
 from collections.abc import Sequence
@@ -16,13 +18,17 @@ from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
+from nbv.config import IDEAL
 from nbv.plugins import Registry
+from nbv.safe_files import parse_json
+from nbv.types import Floats
 from tuner.problem.goal import Goal
-from tuner.problem.observations import Observation, Proposal, next_block
+from tuner.problem.instances import conditions_of, instances_over
+from tuner.problem.observations import Observation, Proposal, distinct_configurations, next_block
 from tuner.problem.search_space import MANY_PARAMETERS, Problem, SearchSpace, Values
 
 if TYPE_CHECKING:
-    from tuner.samplers.earlier_missions import EarlierMissions
+    from tuner.surrogate.model import InstanceMeanGP
 
 
 # What is run before a model can say anything: the default configuration, then points that need no outcomes.
@@ -92,6 +98,67 @@ def near_default(space: SearchSpace, default: Values, seed: int, index: int) -> 
     centre = space.to_unit(default)
     moved = np.clip(centre + sd * rng.standard_normal(space.dimension), 0.0, 1.0)
     return space.from_unit(space.redraw_choices(moved, centre, rng))
+
+
+# Missions run before a campaign, elsewhere: on other rocks or with a cheaper fidelity (``tuner.campaign.begin``).
+#
+# Their best configurations, by a surrogate of those missions, take places of the campaign's initial design. The campaign's own
+# surrogate knows its own missions only: the landscape of the earlier ones as a feature of it gained nothing
+# (docs/results/index.md).
+
+
+# Root mean square distance in the unit cube between their configurations in an initial design.
+_APART = 0.15
+
+
+@dataclass(frozen=True)
+class EarlierMissions:
+    """Missions run before a campaign, which its sampler learns from; some of them succeeded."""
+
+    space: SearchSpace
+    rocks: tuple[str, ...]
+    observations: tuple[Observation, ...]
+    # Besides: rocks drawn of families, and those that their campaigns learned from.
+    seen: frozenset[str] = frozenset()
+
+    @functools.cached_property
+    def _model(self) -> InstanceMeanGP:
+        from tuner.surrogate.model import InstanceMeanGP  # noqa: PLC0415  a campaign is looked at without torch
+
+        instances = instances_over(self.rocks, conditions_of(o.instance for o in self.observations))
+        return InstanceMeanGP(self.space, self.observations, instances)
+
+    def best(self, count: int) -> list[Values]:
+        """Return the configurations run with the best posterior means that are apart from each other; at most ``count``."""
+        gp = self._model
+        seen = distinct_configurations(self.space, gp.observations)
+        chosen: list[tuple[Values, Floats]] = []
+        for index in np.argsort(-gp.posterior(seen).mean, kind="stable"):
+            unit = self.space.to_unit(seen[index])
+            if all(np.sqrt(np.mean((unit - other) ** 2)) > _APART for _, other in chosen):
+                chosen.append((seen[index], unit))
+            if len(chosen) == count:
+                break
+        return [values for values, _ in chosen]
+
+    def to_json(self) -> str:
+        """Return the text of a file beside the ledger."""
+        rows = [
+            [dict(o.values), o.rock, o.outcome, o.replicate, *([o.condition] if o.condition != IDEAL else [])]
+            for o in self.observations
+        ]
+        return json.dumps({"rocks": list(self.rocks), "missions": rows, "seen": sorted(self.seen)})
+
+    @staticmethod
+    def from_json(text: str, space: SearchSpace) -> EarlierMissions:
+        """Return the inverse of ``to_json``; ``UserError``, ``ValueError``, ``TypeError`` or ``KeyError`` where it is not."""
+        tree = parse_json(text, "the missions learned from")
+        observations = [
+            Observation(i, v, r, k, y, y, condition=condition[0] if condition else IDEAL)
+            for i, (v, r, y, k, *condition) in enumerate(tree["missions"])
+        ]
+        seen = frozenset(tree.get("seen", ()))  # files of earlier versions have none
+        return EarlierMissions(space, tuple(tree["rocks"]), tuple(observations), seen)
 
 
 VERIFICATION_BEGINS = 2 / 3  # of the budget

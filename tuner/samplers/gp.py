@@ -137,7 +137,10 @@ class GPSampler:
         while len(proposals) < count:
             number = missions_asked(history, running)
             if number < s.initial or len(feasible) < MIN_FEASIBLE_FOR_MODEL:
-                proposal = self._design(number, history)
+                if number < s.first:
+                    proposal = initial_proposal(s, number, self.name)
+                else:
+                    proposal = self._design_point(number - s.first + 1, history)
             elif all(o.repeat for o in history[-REPEATS_BEFORE_EXPLORING:]):
                 metadata = {"sampler": self.name, "phase": "exploration"}
                 proposal = Proposal(sobol_point(problem.space, s.seed, ASIDE + number), metadata)
@@ -215,24 +218,6 @@ class GPSampler:
             constraint=constraint,
         )
 
-    def _other_choices(self) -> list[Values]:
-        """Return the default with each other choice of a categorical parameter: Sobol points change everything at once."""
-        space, default = self.settings.problem.space, self.settings.problem.default
-        others = [
-            space.settled({**default, p.path: choice})
-            for p in space.parameters
-            if p.kind == "categorical"
-            for choice in p.choices
-            if choice != default[p.path]
-        ]
-        return [values for values in others if values != default]
-
-    def _design(self, number: int, history: Sequence[Observation]) -> Proposal:
-        """Return a mission of the design."""
-        if number < self.settings.first:
-            return initial_proposal(self.settings, number, self.name)
-        return self._design_point(number - self.settings.first + 1, history)
-
     def _design_point(self, number: int, history: Sequence[Observation]) -> Proposal:
         """Return point ``number`` of the design, which begins with 1 behind the plain plans; the regions take turns."""
         s, problem = self.settings, self.settings.problem
@@ -249,7 +234,14 @@ class GPSampler:
             if len(best) > nth:
                 return Proposal(best[nth], {"sampler": self.name, "phase": "earlier missions", "rank": nth})
         metadata: dict[str, Any] = {"sampler": self.name, "phase": "initial design", "point": number}
-        choices = self._other_choices()[: length // 3]
+        # The default with each other choice of a categorical parameter: Sobol points change everything at once.
+        others = [
+            space.settled({**problem.default, p.path: choice})
+            for p in space.parameters
+            for choice in p.choices
+            if choice != problem.default[p.path]
+        ]
+        choices = [values for values in others if values != problem.default][: length // 3]
         if 0 <= (nth := number - len(begin) - 1) < len(choices) and s.earlier is None:
             return Proposal(choices[nth], metadata)
         region = self._region(number)

@@ -142,10 +142,3 @@ def _scaled(base: Kernel, median: float, spread: float) -> ScaleKernel:
 def _between(low: float, begin: float) -> LogTransformedInterval:
     """Return a constraint under which a length or variance is searched on a logarithmic scale."""
     return LogTransformedInterval(low, _LARGEST, initial_value=begin)
-
-
-def shared_variance(kernel: Kernel, column: int) -> float:
-    """Return the variance of what missions with the same level of ``column`` share; 0 where it is not modelled."""
-    parts = (part for part in kernel.modules() if isinstance(part, ScaleKernel))
-    shared = (part for part in parts if isinstance(part.base_kernel, SharedLevel))
-    return sum(k.outputscale.item() for k in shared if k.base_kernel.active_dims.tolist() == [column])

@@ -27,7 +27,6 @@ import gpytorch
 import numpy as np
 import torch
 from botorch.cross_validation import efficient_loo_cv
-from gpytorch.kernels import Kernel
 
 from nbv.types import Floats
 from tuner.problem.instances import Instance
@@ -45,7 +44,7 @@ from tuner.surrogate.fit import (
     tensor,
     with_promising,
 )
-from tuner.surrogate.kernel import NO_OFFSET, mission_kernel, shared_variance
+from tuner.surrogate.kernel import NO_OFFSET, mission_kernel
 
 SPARSE_TAUS = (1e-3, 1e-2, 1e-1, 1.0)
 
@@ -72,7 +71,6 @@ class InstanceMeanGP:
         *,
         sparse: bool | None = None,
     ) -> None:
-        self._sparse = space.dimension >= MANY_PARAMETERS if sparse is None else sparse
         feasible = [o for o in observations if o.outcome is not None]
         if not feasible:
             raise ValueError("no feasible observation to learn from")
@@ -84,9 +82,9 @@ class InstanceMeanGP:
         )
         rocks = [o.rock for o in feasible]
         evaluated = [(o.instance, o.replicate) for o in feasible]
-        self._models_blocks = blocks_identifiable(evaluated)
+        blocks = blocks_identifiable(evaluated)
         self.standardiser = RockStandardiser.fit(
-            rocks, outcomes, shrink_centres=False, blocks=evaluated if self._models_blocks else None
+            rocks, outcomes, shrink_centres=False, blocks=evaluated if blocks else None
         )
         self.unit = np.array([space.to_unit(o.values) for o in feasible])  # (n, d)
         self._failed = [space.to_unit(o.values) for o in observations if o.outcome is None]
@@ -95,15 +93,21 @@ class InstanceMeanGP:
         known = _levels([*self.instances, *(o.instance for o in feasible)])
         self._instance_index: dict[Instance | None, float] = {None: NO_OFFSET, **known}
         self._block_index = _levels(evaluated)
-        self._ordered = [i for i in range(space.dimension) if i not in space.categorical_dimensions]
         columns = np.array(
             [self.levels(instance, self._block_index[instance, k]) for instance, k in evaluated]
         )
         x, y = tensor(np.column_stack([self.unit, columns])), tensor(self.targets[:, None])
         # Indices of the missions that hyperparameters are fitted to.
         self.fitted_to = fitted_subset(len(feasible))
+        ordered = [i for i in range(space.dimension) if i not in space.categorical_dimensions]
+        if sparse is None:
+            sparse = space.dimension >= MANY_PARAMETERS
+        taus: Sequence[float | None] = SPARSE_TAUS if sparse and ordered else (None,)
         with numerics():
-            self._fitted = fitted(self._kernels(), x[self.fitted_to], y[self.fitted_to])
+            kernels = [
+                mission_kernel(ordered, space.categorical_dimensions, blocks=blocks, tau=tau) for tau in taus
+            ]
+            self._fitted = fitted(kernels, x[self.fitted_to], y[self.fitted_to])
             self.model = self._fitted if len(self.fitted_to) == len(x) else with_promising(self._fitted, x, y)
 
     @functools.cached_property
@@ -112,17 +116,6 @@ class InstanceMeanGP:
         if not self._failed:
             return None
         return Feasibility(self.space, self.unit, np.array(self._failed))
-
-    def _kernels(self) -> list[Kernel]:
-        return [
-            mission_kernel(
-                self._ordered,
-                self.space.categorical_dimensions,
-                blocks=self._models_blocks,
-                tau=tau,
-            )
-            for tau in (SPARSE_TAUS if self._sparse and self._ordered else (None,))
-        ]
 
     def levels(self, instance: Instance | None, block: float = NO_OFFSET) -> list[float]:
         """Return the input columns behind the unit cube's: instance and block; for none configurations are compared without offsets."""
@@ -171,6 +164,11 @@ class InstanceMeanGP:
         order: list[int] = means.argsort(descending=True, stable=True).tolist()
         return order
 
+    def means(self, unit: Floats) -> Floats:
+        """Return (m,) posterior means at (m, d) unit positions, on the common landscape of all instances."""
+        with torch.no_grad():
+            return moments(self.model.posterior(self.inputs(unit)))[0]
+
     @functools.cached_property
     def evaluated(self) -> tuple[Floats, list[Values]]:
         """(m, d) unit positions run, each once, and their configurations."""
@@ -200,11 +198,6 @@ class InstanceMeanGP:
     def noise_sd(self) -> float:
         """Standard deviation of one mission's outcome beside its block's offset, objective's unit."""
         return math.sqrt(self.model.likelihood.noise.item()) * self.mean_scale
-
-    @property
-    def block_sd(self) -> float:
-        """Standard deviation of the (instance, replicate) offsets, objective's unit; 0 where not modelled."""
-        return math.sqrt(shared_variance(self.model.covar_module, self.space.dimension + 1)) * self.mean_scale
 
     @property
     def mean_scale(self) -> float:

@@ -29,7 +29,7 @@ from tuner.problem.observations import Observation
 from tuner.problem.search_space import SearchSpace
 from tuner.problem.space_files import load_search_space, space_from_dict
 from tuner.report.campaign_page import write_campaign_report
-from tuner.samplers.earlier_missions import EarlierMissions
+from tuner.samplers.base import EarlierMissions
 
 TWO = load_conditions(["ideal", "field"])
 

@@ -24,8 +24,7 @@ from tuner.problem.search_space import TUNED, Problem, Region, Values
 from tuner.problem.space_files import load_search_space, space_from_dict
 from tuner.recommendation.choose import recommend
 from tuner.recommendation.recommendation import Recommendation
-from tuner.samplers.base import make_sampler
-from tuner.samplers.earlier_missions import EarlierMissions
+from tuner.samplers.base import EarlierMissions, make_sampler
 from tuner.samplers.gp import verification
 from tuner.surrogate.model import InstanceMeanGP
 

@@ -59,12 +59,6 @@ def test_block_offsets_are_told_from_noise_and_cancel(monkeypatch: pytest.Monkey
                 truth = synthetic.true_rock_mean(points[i]) - synthetic.true_rock_mean(points[0])
                 found.append(belief.difference(i, 0)[0] - truth)
             if blocks:
-                gaps = [
-                    synthetic.block_offset(r, 0, seed) - synthetic.block_offset(r, 1, seed)
-                    for r in synthetic.ROCKS
-                ]
-                realised = 0.6 * scale * np.sqrt(np.mean(np.square(gaps)) / 2)  # four differences: a rough sd
-                assert 0.4 * realised < model.block_sd < 2.5 * realised
                 assert model.leave_one_out()["coverage_95"] >= 0.85
     assert np.mean(noise[True]) == pytest.approx(0.1, rel=0.3)
     assert np.mean(noise[False]) > 1.5 * np.mean(noise[True])  # blocks taken for noise
