@@ -62,7 +62,11 @@ def parameter_rows(
     for i, p in enumerate(space.parameters):
         if p.path in region.held:
             continue
-        at = _values_along(p, values[p.path], region)
+        at = list(p.choices)
+        if p.kind != "categorical":
+            most = region.at_most.get(p.path, p.high)
+            along = (p.from_unit(float(u)) for u in np.linspace(0, 1, GRID))
+            at = sorted({v for v in along if v <= most} | {values[p.path]})
         variants = [space.settled({**values, p.path: v}) for v in (default[p.path], *at)]
         posterior = model.posterior([values, *variants])
         gains = [posterior.difference(k, 0) for k in range(1, len(variants) + 1)]
@@ -82,13 +86,6 @@ def parameter_rows(
     return sorted(rows, key=lambda row: -row.importance)
 
 
-def _values_along(p: Parameter, tuned: Any, region: Region) -> list[Any]:
-    if p.kind == "categorical":
-        return list(p.choices)
-    most = region.at_most.get(p.path, p.high)
-    return sorted({v for u in np.linspace(0, 1, GRID) if (v := p.from_unit(float(u))) <= most} | {tuned})
-
-
 def _as_good(p: Parameter, at: Sequence[Any], good: Sequence[bool], tuned: Any) -> tuple[Any, ...]:
     """Return the choices that are as good, or the ends of the unbroken range around the tuned value."""
     if p.kind == "categorical":
@@ -105,8 +102,7 @@ def earned_by_group(
     model: InstanceMeanGP, space: SearchSpace, values: Values, default: Values
 ) -> dict[str, Effect]:
     """Return by group of parameters what is lost where the group alone goes back to the default."""
-    changed = [path for path, value in values.items() if value != default[path]]
-    groups = grouped(changed)
+    groups = grouped([path for path, value in values.items() if value != default[path]])
     variants = [
         space.settled({**values, **{path: default[path] for path in paths}}) for paths in groups.values()
     ]

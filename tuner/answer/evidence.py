@@ -21,7 +21,7 @@ from nbv.rocks.families import SHAPES, generated_name
 from tuner.campaign.campaign import Campaign
 from tuner.comparison.of_campaign import CONFIRMATION, EVALUATION
 from tuner.comparison.plan import PLAN_FILE, EvaluationPlan
-from tuner.comparison.statistics import over_rocks, same_photographs, score_of
+from tuner.comparison.statistics import over_rocks, same_photographs, strategy_gain, values_of
 from tuner.missions.job import Trial
 from tuner.missions.registry import DEFAULT_FIDELITY
 from tuner.problem.baselines import ANSWERS, ablations, is_ablation, scorer_alone
@@ -66,8 +66,7 @@ class Evidence:
 
     def scores(self, strategy: str) -> dict[Block, float]:
         """Return the score of every mission by block, a failed one's where it counts as one (`score_of`)."""
-        known = {(r.instance, r.replicate): score_of(r, self.objective) for r in self.missions(strategy)}
-        return {block: score for block, score in known.items() if score is not None}
+        return values_of(self.records, strategy, self.objective)
 
     def mean(self, strategy: str) -> Interval | None:
         """Return the mean score over targets; None without a mission."""
@@ -75,10 +74,7 @@ class Evidence:
 
     def gain(self, strategy: str, over: str) -> Interval | None:
         """Return the mean paired difference on the missions that both flew, positive where ``strategy`` is better."""
-        ours, theirs, sign = self.scores(strategy), self.scores(over), self.objective.sign
-        return over_rocks(
-            {block: sign * (ours[block] - theirs[block]) for block in sorted(ours.keys() & theirs.keys())}
-        )
+        return strategy_gain(self.records, strategy, over, self.objective)
 
     def more_failures(self, strategy: str, than: str) -> int:
         """Return in how many more of the missions that both flew the one failed."""
@@ -105,7 +101,7 @@ def evidence_of(campaign: Campaign, found: Mapping[str, Recommendation]) -> Evid
         configs |= ablations(name, config, problem.base)
     configs |= {name: problem.config(values) for name, values in problem.arms.items()}
     by_fidelity: dict[bool, list[Trial]] = collections.defaultdict(list)
-    by_fidelity[s.fidelity == DEFAULT_FIDELITY] += _own_trials(campaign, configs)
+    by_fidelity[s.fidelity == DEFAULT_FIDELITY] += _own_trials(campaign, _name_by_mission(configs))
     under = {condition.name for condition in s.conditions}
     for directory, plan in _plans(campaign.directory):
         names = _names_in(plan, configs)
@@ -120,12 +116,14 @@ def evidence_of(campaign: Campaign, found: Mapping[str, Recommendation]) -> Evid
     return Evidence(configs, _once(records, configs), frozenset(campaign.rocks_seen()), s.goal.shown)
 
 
-def _own_trials(campaign: Campaign, configs: Mapping[str, MissionConfig]) -> list[Trial]:
-    """Return the finished trials of the campaign that fly one of ``configs``."""
-    problem, names = (
-        campaign.settings.problem,
-        {mission_key(c): name for name, c in reversed(list(configs.items()))},
-    )
+def _name_by_mission(configs: Mapping[str, MissionConfig]) -> dict[str, str]:
+    """Return the first strategy of each mission by its key."""
+    return {mission_key(config): name for name, config in reversed(list(configs.items()))}
+
+
+def _own_trials(campaign: Campaign, names: Mapping[str, str]) -> list[Trial]:
+    """Return the finished trials of the campaign that fly a mission of ``names``."""
+    problem = campaign.settings.problem
     name_at = dict[tuple[float, ...], str]()
     records = []
     for t in campaign.trials():
@@ -149,7 +147,7 @@ def _plans(directory: Path) -> Iterable[tuple[Path, EvaluationPlan]]:
 
 def _names_in(plan: EvaluationPlan, configs: Mapping[str, MissionConfig]) -> dict[str, str]:
     """Return by strategy of a plan the present strategy that flies the same; those of an earlier recommendation have none."""
-    now = {mission_key(config): name for name, config in reversed(list(configs.items()))}
+    now = _name_by_mission(configs)
     names = dict[str, str]()
     for name, config in plan.strategies.items():
         key = mission_key(config)

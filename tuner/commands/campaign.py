@@ -39,7 +39,6 @@ from tuner.commands.console import (
     parse_overrides,
     require_complete,
     under_conditions,
-    workers_text,
     working,
 )
 from tuner.commands.evaluate import run_with_progress
@@ -56,7 +55,7 @@ from tuner.jobs import run_to_end
 from tuner.missions import pool
 from tuner.missions.registry import mission_kind
 from tuner.report import words
-from tuner.report.labels import duration
+from tuner.report.labels import counted, duration
 
 app = typer.Typer(no_args_is_help=True)
 
@@ -239,13 +238,14 @@ def run_and_report(
     remaining = 0 if counts.exhausted else counts.remaining
     if remaining:
         load(MODEL)
+    workers = getattr(executor, "workers", executor.capacity)  # a cluster may have none yet
     output.print(
         f"{settings.name}: {settings.budget} missions over {', '.join(settings.rocks)}{under_conditions(settings.conditions)}; "
         f"search space {settings.space.name} ({settings.space.dimension} parameters), sampler {settings.sampler}, "
-        f"{workers_text(executor)}"
+        f"{counted(workers, 'worker') if workers else 'no worker yet: missions wait for the first'}"
     )
     note_dense_stage(mission_kind(settings.fidelity), settings.problem.base)
-    about_s = expected_s(campaign, getattr(executor, "workers", executor.capacity))
+    about_s = expected_s(campaign, workers)
     if remaining:
         then = "; then a comparison" if settings.compare_on else ""
         output.print(expected_text(remaining, about_s) + then)

@@ -285,11 +285,3 @@ def executor_at(
             f"--executor dask needs an extra ({error}); install it: pip install 'gatetune[cluster]'"
         ) from error
     return DaskPool(scheduler, timeout_s)
-
-
-def workers_text(executor: Executor) -> str:
-    """Return how many workers there are, as text; where a cluster has none yet, what missions do meanwhile."""
-    count = getattr(executor, "workers", executor.capacity)
-    if not count:
-        return "no worker yet: missions wait for the first"
-    return f"{count} worker{'s' if count > 1 else ''}"

@@ -184,12 +184,18 @@ def _export_plan(exported: Exported, rock: str | None, home: Home, out: Path | N
     remedy = "run a mission about your target (gatetune mission run --config gatetune.yaml --rock MESH) and export its directory"
     if exported.best is None or exported.strategy != exported.campaign.settings.problem.answers[-1].name:
         raise UserError(f"{exported.strategy} plans views, which hold for one target: {remedy}")
-    source, shown = _recommended_mission(run), Path(s.rocks[0]).stem
+    jobs, shown = showcase_jobs(exported.campaign), Path(s.rocks[0]).stem
+    if not jobs:
+        raise UserError(f"{run} has no route: it has no recommendation, or its fidelity is a plug-in's")
+    if not was_run(jobs[-1]):
+        raise UserError(
+            f"{run} has not run its recommendation with everything kept; run: gatetune mission view {shlex.quote(str(run))}"
+        )
     if rock is None or Path(rock).stem != shown:
         raise UserError(
             f"planned views hold for the target that they were planned on: name it with --rock {shown}, or {remedy}"
         )
-    _write_plan(run, source, home, out)
+    _write_plan(run, jobs[-1].directory, home, out)
 
 
 def _write_plan(run: Path, source: Path, home: Home, out: Path | None) -> None:
@@ -209,16 +215,3 @@ def _write_route(
         "it does not carry the gate: a fixed route repeats these views and plans nothing in the air",
     ]
     _wrote(_write(out, json.dumps(qgc_plan(config, views, home), indent=1) + "\n"), lines)
-
-
-def _recommended_mission(run: Path) -> Path:
-    """Directory of the recommended mission that was run with all files kept."""
-    campaign = Campaign.open(run, read_only=True)
-    jobs = showcase_jobs(campaign)
-    if not jobs:
-        raise UserError(f"{run} has no route: it has no recommendation, or its fidelity is a plug-in's")
-    if not was_run(jobs[-1]):
-        raise UserError(
-            f"{run} has not run its recommendation with everything kept; run: gatetune mission view {shlex.quote(str(run))}"
-        )
-    return jobs[-1].directory

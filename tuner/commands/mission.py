@@ -158,17 +158,12 @@ def view(
     from tuner.report.mission_view import write_mission_view
 
     if (run / SETTINGS_FILE).is_file():
-        return _view_campaign(run)
+        campaign = Campaign.open(run, read_only=True)
+        output.print(f"campaign in {run}: running the missions that its page still needs", soft_wrap=True)
+        with local_pool(campaign.settings.fidelity, None, 3600.0) as executor:
+            return write_pages(campaign, answer_of(campaign), executor)
     runs = [run] if other is None else [run, other]
     page = out or run / ("view.html" if other is None else f"view-beside-{other.resolve().name}.html")
     with working("writing the page"):
         write_mission_view(runs, page, rock)
     output.print(f"wrote {page}", highlight=False, soft_wrap=True)
-
-
-def _view_campaign(directory: Path) -> None:
-    campaign = Campaign.open(directory, read_only=True)
-    output.print(f"campaign in {directory}: running the missions that its page still needs", soft_wrap=True)
-    s = campaign.settings
-    with local_pool(s.fidelity, None, 3600.0) as executor:
-        write_pages(campaign, answer_of(campaign), executor)

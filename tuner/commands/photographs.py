@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 from rich.progress import BarColumn, TextColumn, TimeElapsedColumn
@@ -67,7 +67,14 @@ def import_(
     options = ImportOptions(model, masks, height_m, metres_per_unit, max_size)
     with _progress_bar() as progress:
         made = import_photographs(folder, name, options, progress, Store(), force=force)
-    _describe(made)
+    height = made.true_height_m
+    output.print(
+        f"{made.name}: {len(made.registered)} of {len(made.photographs)} photographs, "
+        + (f"an object of {height:.3g} m" if height is not None else "no scale")
+        + f", {made.halves.f_score[_MIDDLE]:.1f} % F-score of one half against the other at 3 % of the height"
+    )
+    for line in (*made.notes, *(f"weak: {line}" for line in made.weak)):
+        output.print(f"  - {line}")
 
 
 @app.command("list")
@@ -76,19 +83,32 @@ def list_(as_json: AsJson = False) -> None:
 
     Example: gatetune photographs list
     """
-    sets = [_facts(PhotographSet.read(name)) for name in list_sets()]
+    sets = [PhotographSet.read(name) for name in list_sets()]
     rows = [
         (
-            facts["name"],
-            facts["photographs"],
-            facts["registered"],
-            "–" if facts["height_m"] is None else f"{facts['height_m']:.3g}",
-            f"{facts['f_score_halves_percent']:.1f}",
+            s.name,
+            len(s.photographs),
+            len(s.registered),
+            "–" if s.true_height_m is None else f"{s.true_height_m:.3g}",
+            f"{s.halves.f_score[_MIDDLE]:.1f}",
         )
-        for facts in sets
+        for s in sets
     ]
     show_table(("set", "photographs", "registered", "height, m", "F-score, half against half, %"), rows)
-    answer_json(sets)
+    answer_json(
+        [
+            {
+                "name": s.name,
+                "photographs": len(s.photographs),
+                "registered": len(s.registered),
+                "height_m": s.true_height_m,
+                "f_score_halves_percent": s.halves.f_score[_MIDDLE],
+                "folder": str(s.folder),
+                "weak": s.weak,
+            }
+            for s in sets
+        ]
+    )
 
 
 @app.command()
@@ -162,31 +182,6 @@ def enough(
         write_atomic(listed, "".join(f"{source[taken]}\n" for taken in answer.smallest.taken))
     output.print(f"{enough_text(answer, keep, listed)} Picture: {picture}", soft_wrap=True)
     answer_json(answer)
-
-
-def _facts(photograph_set: PhotographSet) -> dict[str, Any]:
-    return {
-        "name": photograph_set.name,
-        "photographs": len(photograph_set.photographs),
-        "registered": len(photograph_set.registered),
-        "height_m": photograph_set.true_height_m,
-        "f_score_halves_percent": photograph_set.halves.f_score[_MIDDLE],
-        "folder": str(photograph_set.folder),
-        "weak": photograph_set.weak,
-    }
-
-
-def _describe(photograph_set: PhotographSet) -> None:
-    height = photograph_set.true_height_m
-    output.print(
-        f"{photograph_set.name}: {len(photograph_set.registered)} of {len(photograph_set.photographs)} photographs, "
-        + (f"an object of {height:.3g} m" if height is not None else "no scale")
-        + f", {photograph_set.halves.f_score[_MIDDLE]:.1f} % F-score of one half against the other at 3 % of the height"
-    )
-    for line in photograph_set.notes:
-        output.print(f"  - {line}")
-    for line in photograph_set.weak:
-        output.print(f"  - weak: {line}")
 
 
 @contextlib.contextmanager

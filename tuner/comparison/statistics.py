@@ -64,25 +64,22 @@ def score_of(record: Trial, objective: Objective) -> float | None:
     return value
 
 
-def values_of(records: Sequence[Trial], strategy: str, key: str) -> dict[Block, float]:
+def values_of(records: Sequence[Trial], strategy: str, objective: Objective) -> dict[Block, float]:
     """A metric by block, failed missions as `score_of` counts them."""
-    objective = Objective(key, "maximise")
     values = {(r.instance, r.replicate): score_of(r, objective) for r in records if r.strategy == strategy}
     return {block: value for block, value in values.items() if value is not None}
 
 
-def strategy_interval(records: Sequence[Trial], strategy: str, key: str) -> Interval | None:
-    """Mean of a metric over rocks, with its interval; None without a mission that has it."""
-    return over_rocks(values_of(records, strategy, key))
-
-
-def strategy_difference(records: Sequence[Trial], strategy: str, reference: str, key: str) -> Interval | None:
-    """Mean over rocks of a metric minus that of ``reference``, on the blocks that both finished.
+def strategy_gain(
+    records: Sequence[Trial], strategy: str, reference: str, objective: Objective
+) -> Interval | None:
+    """Mean over rocks of what a strategy has over ``reference`` on the blocks that both finished, positive where it is better.
 
     The ``missions`` of the interval are these pairs. None without one.
     """
-    ours, theirs = (values_of(records, name, key) for name in (strategy, reference))
-    return over_rocks({block: ours[block] - theirs[block] for block in sorted(ours.keys() & theirs.keys())})
+    ours, theirs = (values_of(records, name, objective) for name in (strategy, reference))
+    both, sign = sorted(ours.keys() & theirs.keys()), objective.sign
+    return over_rocks({block: sign * (ours[block] - theirs[block]) for block in both})
 
 
 def over_rocks(values: Mapping[Block, float]) -> Interval | None:
@@ -151,8 +148,11 @@ def comparison_table(
     """Means with intervals per strategy, and paired differences from ``reference``, one of the strategies."""
     table = []
     for metric in rows:
-        cells = {name: strategy_interval(records, name, metric.key) for name in strategies}
-        paired = {name: strategy_difference(records, name, reference, metric.key) for name in strategies}
+        of = Objective(
+            metric.key, "maximise"
+        )  # differences are strategy minus reference, whichever is better
+        cells = {name: over_rocks(values_of(records, name, of)) for name in strategies}
+        paired = {name: strategy_gain(records, name, reference, of) for name in strategies}
         means = {name: difference.mean for name, difference in paired.items() if difference is not None}
         pick = max if metric.higher_is_better else min
         best = tuple(name for name, mean in means.items() if mean == pick(means.values()))

@@ -139,9 +139,14 @@ def write_scoring(config: MissionConfig) -> tuple[FlatValues, list[Remark]]:
     """
     config = _with_weights_of_selected_scorer(config)
     values, remarks = {**published("scoring.yaml"), **_values(config, SCORING)}, list[Remark]()
-    values["name"], mode = _scorer(config)
-    if mode is not None:
-        values["hybrid.gate_mode"] = mode
+    kind = config.gate.kind
+    if kind in MODE_OF_GATE:
+        values["name"], values["hybrid.gate_mode"] = HYBRID, MODE_OF_GATE[kind]
+    elif kind in SCORER_OF_GATE:
+        values["name"] = SCORER_OF_GATE[kind]
+    else:
+        known = ", ".join((*SCORER_OF_GATE, *MODE_OF_GATE))
+        raise UserError(f"gate {kind!r} does not exist in photogrammetry_nbv; what can be written is {known}")
     values["weights.geometry_aware_repair"], more = _geometry_weight(config)
     remarks += more
     for name in ("target_track_length", "density_k"):
@@ -153,7 +158,7 @@ def write_scoring(config: MissionConfig) -> tuple[FlatValues, list[Remark]]:
             values[key] = LEAST_SCALE_M
             text = f"{scale_m:g} m counts as {LEAST_SCALE_M:g} m there, whatever the file says"
             remarks.append(Remark(path, text, partly=True))
-    heuristic, scorer = config.gate.kind == "hyb-h", config.gate.geometry_scorer
+    heuristic, scorer = kind == "hyb-h", config.gate.geometry_scorer
     remarks += _remarks(
         ("gate.d95_m", heuristic, _not_written(values, "hybrid.heuristic.knn_p95_threshold")),
         (
@@ -168,16 +173,6 @@ def write_scoring(config: MissionConfig) -> tuple[FlatValues, list[Remark]]:
         ),
     )
     return values, remarks
-
-
-def _scorer(config: MissionConfig) -> tuple[str, str | None]:
-    kind = config.gate.kind
-    if kind in SCORER_OF_GATE:
-        return SCORER_OF_GATE[kind], None
-    if kind in MODE_OF_GATE:
-        return HYBRID, MODE_OF_GATE[kind]
-    known = ", ".join((*SCORER_OF_GATE, *MODE_OF_GATE))
-    raise UserError(f"gate {kind!r} does not exist in photogrammetry_nbv; what can be written is {known}")
 
 
 def _with_weights_of_selected_scorer(config: MissionConfig) -> MissionConfig:

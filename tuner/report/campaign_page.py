@@ -107,7 +107,13 @@ def write_campaign_report(campaign: Campaign, answer: Answer | None = None) -> P
         settings=s,
         label=metric,
         outcomes=_outcome_figures(campaign, main, trials, names),
-        model=None if main is None else _model_facts(main, metric.difference_unit),
+        model=None
+        if main is None
+        else {
+            "missions": main.observations,
+            "noise": with_unit(main.noise_sd, metric.difference_unit, decimals_for(main.noise_sd)),
+            "coverage": 100 * main.leave_one_out["coverage_95"],
+        },
         learned=campaign.learned,
         earlier_rocks=[Path(rock).stem for rock in campaign.learned.rocks] if campaign.learned else [],
         sources=s.learn_from,
@@ -237,7 +243,11 @@ def _warnings(
         if at_bounds := bounds_text(best, s):
             out.append(at_bounds)
     for best in list(answer.recommended.values())[-1:]:
-        out += _outliers(best)
+        for o in best.outliers[:3]:
+            how = "which all others contradict, so it is left out"
+            if o.counts_as is not None:
+                how = f"far from all others; it counts as {number_text(o.counts_as)}"
+            out.append(f"Mission #{o.mission:04d} measured {number_text(o.measured)}, {how}.")
         coverage = best.leave_one_out["coverage_95"]
         if best.observations >= MIN_FOR_COVERAGE and coverage < POOR_COVERAGE:
             out.append(
@@ -253,19 +263,6 @@ def _warnings(
         if count > 0.2 * status.finished:
             out.append(f"{count} of {status.finished} finished missions {what}; see below.")
     return out
-
-
-def _outliers(best: Recommendation) -> list[str]:
-    """Which missions are outliers, and whether they are left out or count with another outcome."""
-    lines = []
-    for o in best.outliers[:3]:
-        how = (
-            "which all others contradict, so it is left out"
-            if o.counts_as is None
-            else f"far from all others; it counts as {number_text(o.counts_as)}"
-        )
-        lines.append(f"Mission #{o.mission:04d} measured {number_text(o.measured)}, {how}.")
-    return lines
 
 
 def _stop_reason(status: CampaignStatus, trials: Sequence[Trial]) -> str:
@@ -333,14 +330,6 @@ def _subtitle(s: CampaignSettings) -> str:
         f"{lines}, on {', '.join(short_names(s.rocks))}{under}. The campaign tunes {s.space.dimension} parameters "
         f"(search space {s.space.name})."
     )
-
-
-def _model_facts(best: Recommendation, unit: str) -> dict[str, Any]:
-    return {
-        "missions": best.observations,
-        "noise": with_unit(best.noise_sd, unit, decimals_for(best.noise_sd)),
-        "coverage": 100 * best.leave_one_out["coverage_95"],
-    }
 
 
 def _failure_table(trials: Sequence[Trial], names: Mapping[Instance, str]) -> Table:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Collection
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -109,13 +108,6 @@ def paper_note(fidelity: str) -> str:
         f"{differs}, so absolute values do not compare; only the order of the strategies "
         "and the sign of their differences can be compared with the paper."
     )
-
-
-def strategies_text(names: Collection[str]) -> str:
-    """``the paper's 4 strategies and 2 references``."""
-    of_paper = sum(name in PAPER_STRATEGIES for name in names)
-    more = f" and {counted(len(names) - of_paper, 'reference')}" if of_paper < len(names) else ""
-    return f"{of_paper} of the paper's {len(PAPER_STRATEGIES)} strategies{more}"
 
 
 def verdict_text(row: StrategyRow, reference: str, metric: str) -> str:
@@ -244,7 +236,12 @@ def write_comparison_report(facts: ComparisonFacts, command: str = "") -> Path:
     run, plan, paper = facts.run, facts.plan, facts.planned.source is None
     kinds = [kind_of(row.from_reference) for row in facts.judged]
     rows = [row for table in facts.tables.values() for row in table.rows]
-    strategies = strategies_text(plan.strategies) if paper else f"{len(plan.strategies)} strategies"
+    strategies = f"{len(plan.strategies)} strategies"
+    if paper:
+        of_paper = sum(name in PAPER_STRATEGIES for name in plan.strategies)
+        strategies = f"{of_paper} of the paper's {len(PAPER_STRATEGIES)} strategies"
+        if of_paper < len(plan.strategies):
+            strategies += f" and {counted(len(plan.strategies) - of_paper, 'reference')}"
     truth = " or ".join(sorted({kind_on(rock, plan.fidelity).truth for rock in plan.rocks} - {""}))
     against = f", by dense clouds against {truth}" if truth else ""
     by_target = [words.by_target(facts.evidence, facts.metric)] if len(plan.rocks) > 1 else []

@@ -122,14 +122,14 @@ def enough_plans(
     for number in sizes:
         ring = base.with_values(_numbers(round(number / photographed), 0))
         shared = base.with_values(_numbers(seeds, number - SEEDS))
-        strategies[_name(RING, number)] = ring
+        strategies[f"{RING}-{number}"] = ring
         if number == SEEDS:
             continue
         for way in WAYS:
             if way == "tuned":
-                strategies[_name(way, number)] = with_sections_of(planner, PLANNER, shared)
+                strategies[f"{way}-{number}"] = with_sections_of(planner, PLANNER, shared)
             elif way != RING:
-                strategies[_name(way, number)] = shared.with_values({"gate.kind": way})
+                strategies[f"{way}-{number}"] = shared.with_values({"gate.kind": way})
     everything = base.with_values(
         {**_numbers(seeds, registered), "stop.criterion": "budget", "gate.kind": "movement-only"}
     )
@@ -204,10 +204,6 @@ def seconds(plans: Iterable[EvaluationPlan], photographs: PhotographSet) -> floa
     most = len(photographs.registered)
     configs = [(config, plan.replicates) for plan in plans for config in plan.strategies.values()]
     return SECONDS_PER_PHOTOGRAPH * sum(n * min(most, c.photographs) for c, n in configs)
-
-
-def _name(way: str, number: int) -> str:
-    return f"{way}-{number}"
 
 
 def enough_table(enough: Enough) -> Table:

@@ -14,6 +14,7 @@ from rich.console import RenderableType
 from rich.text import Text
 
 from nbv.config import parameter
+from nbv.errors import UserError
 from nbv.evaluation.registry import find_metric
 from tuner.missions.registry import kind_on, mission_kind
 
@@ -114,17 +115,10 @@ class MetricLabel:
         """Differences of percentages are percentage points."""
         return "points" if self.unit == "%" else self.unit
 
-    def possible(self, number: float | None) -> float | None:
-        """A prediction clipped to what is possible: a percentage to at most 100."""
-        return min(number, 100.0) if self.unit == "%" and number is not None else number
 
-    def value(self, number: float | None, digits: int = 1) -> str:
-        return with_unit(self.possible(number), self.unit, digits)
-
-
-def with_unit(number: float | None, unit: str, digits: int = 1, *, signed: bool = False) -> str:
+def with_unit(number: float | None, unit: str, digits: int = 1) -> str:
     """``12.34, "mm"`` as ``12.3 mm``; a dash for a missing value."""
-    text = format_number(number, digits, signed=signed)
+    text = format_number(number, digits)
     return text if not unit or text == MISSING else f"{text} {unit}"
 
 
@@ -252,7 +246,7 @@ def parameter_label(path: str) -> ParameterLabel:
     """Label of a parameter path of ``MissionConfig``; other names as they are."""
     try:
         about = parameter(path)
-    except KeyError:
+    except UserError:
         return ParameterLabel(path, "")
     section, name = about.section.replace("_", "-").capitalize(), about.label or about.words
     return ParameterLabel(f"{section}: {name}" if section else name, about.unit)

@@ -101,7 +101,7 @@ def _tuned(answer: Answer, fly: Advice) -> list[str]:
         and gate.strategy != fly.strategy
         and gate.from_reference is not None
     ):
-        where = counted(gate.from_reference.rocks, _targets_word(table))
+        where = counted(gate.from_reference.rocks, f"{'held-out' if table.held_out else 'training'} target")
         lines.append(
             f"The tuned gate, with the paper's seeds, has {difference_text(gate.from_reference)} {unit} against Hyb-H on {where}."
         )
@@ -244,21 +244,14 @@ def interval_words(gains: Sequence[Interval]) -> str:
 def parameters_table(name: str, rows: Sequence[ParameterRow], metric: MetricLabel) -> Table:
     """What was found: the paper's value, the tuned one, what is as good, and what the change earned, by the model."""
     lines = [
-        Row(
+        [
             parameter_label(row.path).name,
-            tuple(
-                map(
-                    Cell,
-                    (
-                        value_text(row.path, row.default),
-                        value_text(row.path, row.tuned),
-                        range_text(row.path, row.as_good),
-                        effect_text(row.earned),
-                        f"{row.importance:.2f}",
-                    ),
-                )
-            ),
-        )
+            value_text(row.path, row.default),
+            value_text(row.path, row.tuned),
+            range_text(row.path, row.as_good),
+            effect_text(row.earned),
+            f"{row.importance:.2f}",
+        ]
         for row in rows
     ]
     columns = (
@@ -269,7 +262,7 @@ def parameters_table(name: str, rows: Sequence[ParameterRow], metric: MetricLabe
         f"earned, {metric.difference_unit or 'its unit'}",
         "importance",
     )
-    return Table(label(name), columns, lines)
+    return Table.of(label(name), columns, lines)
 
 
 def values_table(answer: Answer) -> Table:
@@ -292,8 +285,8 @@ def values_table(answer: Answer) -> Table:
     return Table.of("", ("tuned", "paper", *map(label, found)), lines)
 
 
-def effect_text(effect: Effect | None, digits: int = 1) -> str:
-    return "–" if effect is None else bracketed(effect.mean, effect.low, effect.high, digits, signed=True)
+def effect_text(effect: Effect | None) -> str:
+    return "–" if effect is None else bracketed(effect.mean, effect.low, effect.high, signed=True)
 
 
 def value_text(path: str, value: Any) -> str:
@@ -342,10 +335,6 @@ def limit_text(metric: str, direction: str, limit: float) -> str:
     return (
         f"{about.name} {'at least' if direction == 'maximise' else 'at most'} {limit:g} {about.unit}".strip()
     )
-
-
-def _targets_word(table: AnswerTable) -> str:
-    return "held-out target" if table.held_out else "training target"
 
 
 def _capital(text: str) -> str:

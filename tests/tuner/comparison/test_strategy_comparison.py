@@ -19,10 +19,11 @@ from tuner.comparison.statistics import (
     TABLE_I_ROWS_OBSERVABLE,
     comparison_table,
     same_photographs,
-    strategy_difference,
+    strategy_gain,
 )
 from tuner.missions.pool import MissionPool
 from tuner.problem.baselines import BASELINES, PAPER_STRATEGIES, baseline_configs
+from tuner.problem.goal import Objective
 from tuner.problem.intervals import mean_interval
 
 BASE = preset("campaign")
@@ -47,10 +48,10 @@ def test_all_share_rocks_and_replicates_for_paired_differences(tmp_path: Path) -
     orbit = BASE.with_values({"photographs": 24})
     same = {"hyb-h": orbit, "random": orbit.with_values({"gate.kind": "random"})}
     assert plan(strategies=same).missions == 6
-    difference = strategy_difference(result.records, "tuned", "hyb-h", F48.key)
+    difference = strategy_gain(result.records, "tuned", "hyb-h", Objective(F48.key))
     assert difference is not None and difference.missions == 6
     assert difference.mean == pytest.approx(0.49, abs=0.15)
-    same = strategy_difference(result.records, "copy", "hyb-h", F48.key)
+    same = strategy_gain(result.records, "copy", "hyb-h", Objective(F48.key))
     assert same is not None and same.mean == same.low == same.high == 0
 
 
@@ -131,7 +132,7 @@ def test_pairs() -> None:
         for name, own in outcomes.items()
         for (rock, k), value in own.items()
     ]
-    difference = strategy_difference(trials, "better", "reference", "f")
+    difference = strategy_gain(trials, "better", "reference", Objective("f"))
     assert (difference.missions, difference.rocks) == (3, 2)
     assert difference.mean == pytest.approx((1.5 - 1.0) / 2)
 
