@@ -19,6 +19,7 @@ from nbv.config.declaration import (
     code,
     declared,
     leaves,
+    nearest,
     not_in_paper,
     replaced,
     text,
@@ -247,8 +248,11 @@ def parameters() -> dict[str, Declaration]:
 
 
 def parameter(path: str) -> Declaration:
-    """What the parameter at ``path``, built in or a plug-in's, declares; ``KeyError`` if there is none."""
-    return parameters()[path] if path in parameters() else _of_plugin(path)[path]
+    """What the parameter at ``path``, built in or a plug-in's, declares; `UserError`, which names the nearest, if there is none."""
+    known = parameters() if path in parameters() else parameters() | _of_plugin(path)
+    if path not in known:
+        raise UserError(f"unknown mission parameter {path!r}; {nearest(path, known, 3)}")
+    return known[path]
 
 
 def _of_plugin(path: str) -> dict[str, Declaration]:

@@ -3,7 +3,9 @@
 import time
 from concurrent.futures import Future
 
-from tuner.missions.job import MissionJob, Trial, load_trial, remove_earlier_result
+from nbv.mission.run_directory import RESULT
+from nbv.safe_files import remove
+from tuner.missions.job import MissionJob, Trial, load_trial
 from tuner.missions.pool import Executor, run_job
 
 
@@ -17,7 +19,7 @@ class InProcessExecutor(Executor):
 
     def submit(self, job: MissionJob) -> Future[Trial]:
         """Run it, however long it takes."""
-        remove_earlier_result(job)
+        remove(job.directory / RESULT)
         started, future = time.monotonic(), Future()
         run_job(job.to_dict())
         trial = load_trial(job, time.monotonic() - started)

@@ -6,11 +6,9 @@ import dataclasses
 import datetime
 import shlex
 import uuid
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
-from nbv.config import MissionConfig
 from nbv.errors import UserError
 from nbv.safe_files import read_yaml, write_atomic
 from tuner.campaign.campaign import LEARNED_FILE, Campaign
@@ -25,7 +23,7 @@ from tuner.campaign.settings_file import (
 from tuner.missions.run_jobs import exclusive
 from tuner.problem.goal import Objective
 from tuner.problem.observations import Observation
-from tuner.problem.search_space import Values, value_at
+from tuner.problem.search_space import value_at
 from tuner.samplers.base import EarlierMissions, make_sampler
 
 # The missions of earlier campaigns, moved into a search space: a campaign's sampler learns from them.
@@ -69,8 +67,15 @@ def _missions_of(directory: str, problem: MissionProblem, objective: Objective) 
     earlier = Campaign.open(Path(directory), read_only=True)
     trials, observations = earlier.trials(), list[Observation]()
     for t in trials:
-        values = _values_in(problem, t.values, held=earlier.settings.problem.base)
-        if values is None or not t.record.status:
+        # What only the earlier campaign tuned has to be as here; what only this one tunes has the value that it was held at.
+        space, held = problem.space, earlier.settings.problem.base
+        if not t.record.status or any(
+            path not in space.paths and value != value_at(problem.base, path)
+            for path, value in t.values.items()
+        ):
+            continue
+        values = {path: t.values[path] if path in t.values else value_at(held, path) for path in space.paths}
+        if not space.contains(values):
             continue
         raw = t.raw if objective == earlier.settings.objective else t.measured(objective)
         outcome = objective.oriented(raw)
@@ -85,17 +90,6 @@ def _missions_of(directory: str, problem: MissionProblem, objective: Objective) 
     return EarlierMissions(
         problem.space, earlier.settings.rocks, tuple(observations), frozenset(earlier.rocks_seen())
     )
-
-
-def _values_in(problem: MissionProblem, tuned: Mapping[str, Any], held: MissionConfig) -> Values | None:
-    """Return ``tuned`` values of a mission whose others are ``held``, in the problem's space; None where it is no configuration of it."""
-    space = problem.space
-    if any(
-        path not in space.paths and value != value_at(problem.base, path) for path, value in tuned.items()
-    ):
-        return None
-    values = {path: tuned[path] if path in tuned else value_at(held, path) for path in space.paths}
-    return values if all(p.contains(values[p.path]) for p in space.parameters) else None
 
 
 def begin_campaign(directory: Path, settings: CampaignSettings) -> Campaign:

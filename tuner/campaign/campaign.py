@@ -28,7 +28,7 @@ from typing import TYPE_CHECKING, Any, Literal
 from nbv.config import MissionConfig
 from nbv.errors import UserError
 from nbv.safe_files import RESULT_BYTES, read_json, read_text, write_atomic
-from tuner.campaign.mission_problem import rock_arguments
+from tuner.campaign.mission_problem import procedural_rocks, rock_arguments
 from tuner.campaign.settings import CampaignSettings
 from tuner.campaign.settings_file import (
     SETTINGS_FILE,
@@ -127,7 +127,13 @@ class Campaign:
         self.directory = directory
         self.settings = settings
         self.ledger = ledger
-        self.learned = self._read_learned() if settings.learn_from else None
+        self.learned: EarlierMissions | None = None
+        if settings.learn_from:
+            path = directory / LEARNED_FILE
+            try:
+                self.learned = EarlierMissions.from_json(read_text(path, RESULT_BYTES), settings.space)
+            except (UserError, ValueError, KeyError, TypeError) as error:
+                raise UserError(f"{path} cannot be read ({error}); restore it") from error
 
     def __repr__(self) -> str:
         """``Campaign(mine in runs/mine: space gate, rocks slab, fin, 64 missions)``; the ledger is not read for it."""
@@ -160,13 +166,11 @@ class Campaign:
 
         stored, identity, digest = read_settings(directory)
         settings = settings_from_dict(stored, str(directory / SETTINGS_FILE))
-        if expected is not None:
-            difference = first_difference(settings.to_dict(), expected.to_dict())
-            if difference:
-                raise UserError(
-                    f"{directory} holds a campaign with other settings: {difference}; "
-                    f"resume it as it is (gatetune campaign resume {shlex.quote(str(directory))}; --missions N for more) or choose another directory"
-                )
+        if expected and (difference := first_difference(settings.to_dict(), expected.to_dict())):
+            raise UserError(
+                f"{directory} holds a campaign with other settings: {difference}; "
+                f"resume it as it is (gatetune campaign resume {shlex.quote(str(directory))}; --missions N for more) or choose another directory"
+            )
         if settings.problem.base.digest() != digest:
             raise UserError(
                 f"preset {settings.preset!r} has changed since the campaign in {directory} began; resume it with "
@@ -191,13 +195,6 @@ class Campaign:
         return [
             dataclasses.replace(t, repeat=True) if t.number in again else t for t in chosen if t.record.status
         ]
-
-    def _read_learned(self) -> EarlierMissions:
-        path = self.directory / LEARNED_FILE
-        try:
-            return EarlierMissions.from_json(read_text(path, RESULT_BYTES), self.settings.space)
-        except (UserError, ValueError, KeyError, TypeError) as error:
-            raise UserError(f"{path} cannot be read ({error}); restore it") from error
 
     def status(self) -> CampaignStatus:
         """Return counts, as the ledger knows them."""
@@ -319,7 +316,7 @@ class Campaign:
 
         Raises `UserError`: a rock that the campaign, or one that it learned from, was tuned on; as `rock_arguments`.
         """
-        chosen = tuple(rock_arguments(rocks or self.settings.problem.held_out()))
+        chosen = tuple(rock_arguments(rocks or procedural_rocks("held-out")))
         seen = self.rocks_seen()
         for rock in chosen:
             if rock in seen:
@@ -369,12 +366,7 @@ class Campaign:
         from tuner.surrogate.fit import interval_95  # noqa: PLC0415  loads torch
 
         space, sign = self.settings.space, self.settings.objective.sign
-        by_path = {p.path: p for p in space.parameters}
-        for path, value in values.items():
-            if path not in by_path:
-                raise UserError(f"{path!r} is not tuned; there are {', '.join(by_path)}")
-            if not by_path[path].contains(value):
-                raise UserError(f"{path} is {value!r}; the search space has {by_path[path].to_dict()}")
+        space.require(values)
         full = space.settled({**self.settings.problem.default, **values})
         posterior = self.surrogate().posterior([full])
         mean, sd = float(posterior.mean[0]), float(posterior.sd[0])

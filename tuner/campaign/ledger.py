@@ -34,7 +34,7 @@ from tuner.missions.job import Record, Trial
 from tuner.problem.goal import Goal
 from tuner.problem.instances import Instance
 from tuner.problem.observations import Proposal
-from tuner.problem.search_space import Parameter, Problem, SearchSpace
+from tuner.problem.search_space import Problem, SearchSpace
 
 # The file of a campaign's ledger: the journal of an Optuna study in its run directory.
 
@@ -125,7 +125,7 @@ class Ledger:
         read_only: bool = False,
     ) -> None:
         optuna.logging.set_verbosity(optuna.logging.WARNING)
-        self._directory, self._goal, self._campaign_id = directory, goal, campaign_id
+        self._directory, self._goal = directory, goal
         self._distributions = distributions(problem.space)
         self._instances = frozenset(problem.instances)
         self._known: dict[int, tuple[FrozenTrial, Trial]] = {}
@@ -295,13 +295,12 @@ class Ledger:
 
 def distributions(space: SearchSpace) -> dict[str, BaseDistribution]:
     """Return Optuna distributions by path, of the same sets as the parameters."""
-    return {parameter.path: _distribution(parameter) for parameter in space.parameters}
-
-
-def _distribution(parameter: Parameter) -> BaseDistribution:
-    if parameter.kind == "categorical":
-        return CategoricalDistribution(parameter.choices)
-    log = parameter.scale == "log"
-    if parameter.kind == "int":
-        return IntDistribution(int(parameter.low), int(parameter.high), log=log)
-    return FloatDistribution(parameter.low, parameter.high, log=log)
+    found = dict[str, BaseDistribution]()
+    for p in space.parameters:
+        if p.kind == "categorical":
+            found[p.path] = CategoricalDistribution(p.choices)
+        elif p.kind == "int":
+            found[p.path] = IntDistribution(int(p.low), int(p.high), log=p.scale == "log")
+        else:
+            found[p.path] = FloatDistribution(p.low, p.high, log=p.scale == "log")
+    return found

@@ -145,15 +145,9 @@ class MissionProblem(Problem):
 
     def check_limit(self, limited: Objective, limit: float) -> None:
         """Raise `UserError` for fewer photographs than all missions take."""
-        counted = limited.metric in COUNTS and limited.direction == "minimise"
-        if counted and limit < (least := self._fewest_photographs()):
-            raise UserError(
-                f"the limit of {limit:g} photographs is below the {least} that every configuration here takes; raise it, "
-                "or tune or --set photographs"
-            )
-
-    def _fewest_photographs(self) -> int:
-        """Return the least number at the ends of what is tuned of the numbers and of the stopping rule."""
+        if limited.metric not in COUNTS or limited.direction != "minimise":
+            return
+        # The least number at the ends of what is tuned of the numbers and of the stopping rule.
         decide = (PHOTOGRAPHS, SEEDS, "stop.")
         tuned = [p for p in self.space.parameters if p.path.startswith(decide)]
         counts = list[int]()
@@ -161,16 +155,16 @@ class MissionProblem(Problem):
             with contextlib.suppress(UserError):  # ends that exclude one another
                 config = self.config({**self.default, **{p.path: end for p, end in zip(tuned, ends)}})
                 counts.append(config.seeds if config.stop.may_end_early else config.photographs)
-        return min(counts, default=0)
+        if limit < (least := min(counts, default=0)):
+            raise UserError(
+                f"the limit of {limit:g} photographs is below the {least} that every configuration here takes; raise it, "
+                "or tune or --set photographs"
+            )
 
     def code(self) -> str:
         """Return the digest of the fidelity's code, and of the plug-ins of the default."""
         used = [plugin.facts for plugin in self.config(self.default).plugins_used]
         return digest(code_of(self.fidelity), used) if used else code_of(self.fidelity)
-
-    def held_out(self) -> tuple[str, ...]:
-        """Return the rocks that a campaign may not tune on and an evaluation runs by default."""
-        return tuple(procedural_rocks("held-out"))
 
     def strategies(self, tuned: Evaluated, names: Sequence[str] | None) -> Strategies:
         """Return the tuned configurations and baselines at their number of photographs; unless the user ``names`` these, ablations, too."""
@@ -218,7 +212,7 @@ def plain_plans(space: SearchSpace, base: MissionConfig) -> dict[str, Values]:
     for name in ARMS:
         config = baseline(name).config(base)
         values = {path: value_at(config, path) for path in space.paths}
-        if all(p.contains(values[p.path]) for p in space.parameters) and (
+        if space.contains(values) and (
             mission_key(base.with_values(space.complete(values))) == mission_key(config)
         ):
             plans[name] = space.settled(values)

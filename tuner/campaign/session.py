@@ -16,10 +16,9 @@ from nbv.errors import MissionFailure, UserError
 from tuner.campaign.campaign import Campaign, CampaignEvent, CampaignSummary, Ending, EventKind
 from tuner.missions.job import MissionJob, Trial, load_trial
 from tuner.missions.pool import Executor
-from tuner.missions.registry import kind_on, uses_store
+from tuner.missions.registry import BUILT_IN, kind_on
 from tuner.missions.run_jobs import Stop, long_run, run_jobs
 from tuner.problem.observations import Proposal, configuration_key, next_block, photographs_key
-from tuner.problem.search_space import Values
 from tuner.recommendation.recommendation import Recommendation
 
 # The recommendations without what has no effect: parameters whose default would have led to the same photographs.
@@ -51,14 +50,18 @@ def _simplified(campaign: Campaign, best: Recommendation) -> list[Proposal]:
     while values != before:  # one threshold may have no effect only where the other has its default
         before = values
         for paths in _parts(best.changed):
-            trial = space.settled({**values, **{path: best.default_values[path] for path in paths}})
-            if trial != values and _same_photographs(campaign, best_trials, trial):
-                values = trial
+            reset = space.settled({**values, **{path: best.default_values[path] for path in paths}})
+            if reset != values and all(
+                known_photographs(campaign.job(t, s.problem.config(reset, t.condition)))
+                == t.record.photographs
+                for t in best_trials
+            ):
+                values = reset
     tried = {configuration_key(space, t.values) for t in trials}
     if values == best.values or configuration_key(space, values) in tried:
         return []
-    reset = [path for path in best.changed if values[path] == best.default_values[path]]
-    metadata = {"sampler": s.sampler, "phase": "simplified", "without_effect": reset, "region": best.name}
+    idle = [path for path in best.changed if values[path] == best.default_values[path]]
+    metadata = {"sampler": s.sampler, "phase": "simplified", "without_effect": idle, "region": best.name}
     return [Proposal(values, metadata, t.instance, t.replicate) for t in best_trials]
 
 
@@ -68,20 +71,12 @@ def _parts(changed: Sequence[str]) -> list[tuple[str, ...]]:
     return [*(tuple(paths) for _, paths in sections), *((path,) for path in changed)]
 
 
-def _same_photographs(campaign: Campaign, best_trials: Sequence[Trial], values: Values) -> bool:
-    config = campaign.settings.problem.config
-    return all(
-        known_photographs(campaign.job(trial, config(values, trial.condition))) == trial.record.photographs
-        for trial in best_trials
-    )
-
-
 def known_photographs(job: MissionJob) -> str:
     """Return the `photographs_key` of a mission that repeats an earlier one; in a tenth of a second, for nothing is computed.
 
     The text is empty where a model or a photograph of it has never been made here, or where the mission fails.
     """
-    if not uses_store(job.fidelity):
+    if job.fidelity not in BUILT_IN:  # a plug-in's missions keep nothing in the store
         return ""
     run = kind_on(job.rock, job.fidelity)
     try:
@@ -216,8 +211,7 @@ class _Session:
             ended = load_trial(job)
             if (
                 ended is None
-                or ended.reason == "user_error"
-                or ended.infrastructure_failure
+                or not ended.is_final
                 or self._reproducibility.is_another(trial, ended.record.rock_sha256)  # it was replaced since
             ):
                 self._to_retry.append(_Prepared(trial, job))
@@ -264,8 +258,8 @@ class _Session:
         started = time.monotonic()
         if self._simplified:
             proposal: Proposal | None = self._simplified.popleft()
-        elif (ended := self._end_of_search(trials, left)) is not None:
-            self._search_ended = ended
+        elif left <= 0 or (why := self.campaign.exhausted(trials)):
+            self._search_ended = ("budget", "the budget is used") if left <= 0 else ("exhausted", why)
             return None
         else:
             known = len(trials) if in_step is None else max(0, len(trials) + 1 - in_step)
@@ -292,12 +286,6 @@ class _Session:
             return self._refuse(enter(), error)
         trial = enter(config.digest())
         return _Prepared(trial, self.campaign.job(trial, config))
-
-    def _end_of_search(self, trials: Sequence[Trial], left: int) -> tuple[Ending, str] | None:
-        """Return how the search ends, and why; None while there is more to propose. ``left``: of the budget."""
-        if left > 0 and (why := self.campaign.exhausted(trials)):
-            return "exhausted", why
-        return ("budget", "the budget is used") if left <= 0 else None
 
     def _refuse(self, trial: Trial, why: UserError) -> Trial:
         """Enter a proposal without a configuration as infeasible: samplers learn from it, and nothing runs."""

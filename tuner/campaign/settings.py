@@ -34,10 +34,6 @@ WHAT, MISSION, SEARCH, WHERE = "What is tuned", "How missions run", "How long, h
 _DEFAULT_SPACE = "plan_and_gate"
 
 
-def _read_space(raw: Any, source: str) -> SearchSpace:
-    return load_search_space(raw) if isinstance(raw, str) else space_from_dict(raw, source)
-
-
 def _read_conditions(raw: Any, source: str) -> tuple[Condition, ...]:
     if isinstance(raw, Mapping):
         return tuple(condition_from_dict(str(name), content, source) for name, content in raw.items())
@@ -80,7 +76,9 @@ class CampaignSettings(Section):
         panel=WHAT,
         in_file="or the space itself, as in a search space's file",
         has_paths=True,
-        read=_read_space,
+        read=lambda raw, source: (
+            load_search_space(raw) if isinstance(raw, str) else space_from_dict(raw, source)
+        ),
         write=SearchSpace.to_dict,
     )
     rocks: tuple[str, ...] = setting(

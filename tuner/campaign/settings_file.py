@@ -46,7 +46,10 @@ def settings_from_dict(tree: Any, source: str) -> CampaignSettings:
 
     Raises `UserError`: a setting that there is not, one of the wrong kind, or settings that make no campaign.
     """
-    return CampaignSettings(**_values(_with_objectives_expanded(_checked(tree, source)), source))
+    full = _with_objectives_expanded(_checked(tree, source))
+    # Null is as if it were left out.
+    given = {name: SETTINGS[name].from_yaml(raw, source) for name, raw in full.items() if raw is not None}
+    return CampaignSettings(**given)
 
 
 def _checked(tree: Any, source: str) -> dict[str, Any]:
@@ -59,11 +62,6 @@ def _checked(tree: Any, source: str) -> dict[str, Any]:
         if raw is not None and SETTINGS[name].read is None:
             SETTINGS[name].from_yaml(raw, source)
     return values
-
-
-def _values(tree: Mapping[str, Any], source: str) -> dict[str, Any]:
-    """Return the values of a YAML form, by name; null is as if it were left out."""
-    return {name: SETTINGS[name].from_yaml(raw, source) for name, raw in tree.items() if raw is not None}
 
 
 def _with_objectives_expanded(tree: Mapping[str, Any]) -> dict[str, Any]:

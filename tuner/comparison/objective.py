@@ -14,7 +14,6 @@ from tuner.campaign.ledger import distributions
 from tuner.campaign.settings import CampaignSettings
 from tuner.campaign.settings_file import resolved_settings
 from tuner.missions.registry import kind_on
-from tuner.problem.observations import short
 from tuner.problem.search_space import Parameter, Values
 
 
@@ -28,7 +27,7 @@ class MissionObjective:
     @property
     def names(self) -> tuple[str, ...]:
         """The parameters' paths, in the order of `bounds` and of a sequence of values."""
-        return tuple(self.settings.space.paths)
+        return self.settings.space.paths
 
     @property
     def bounds(self) -> list[tuple[float, float]]:
@@ -76,19 +75,13 @@ class MissionObjective:
         return sum(measurements) / len(measurements)
 
     def _by_path(self, values: Mapping[str, Any] | Sequence[float]) -> Values:
-        parameters = {p.path: p for p in self.settings.space.parameters}
         if not isinstance(values, Mapping):
-            if len(values) != len(parameters):
+            if len(values) != len(self.names):
                 raise UserError(
-                    f"there are {len(parameters)} parameters ({', '.join(parameters)}), not {len(values)}"
+                    f"there are {len(self.names)} parameters ({', '.join(self.names)}), not {len(values)}"
                 )
-            values = {p.path: _value(p, float(x)) for p, x in zip(parameters.values(), values)}
-        for path, value in values.items():
-            if path not in parameters:
-                raise UserError(f"{path!r} is not in the search space; it has {', '.join(parameters)}")
-            if not parameters[path].contains(value):
-                ends = ", ".join(map(short, parameters[path].ends))
-                raise UserError(f"{path} is {value!r}, outside of the search space: {ends}")
+            values = {p.path: _value(p, float(x)) for p, x in zip(self.settings.space.parameters, values)}
+        self.settings.space.require(values)
         return {**self.default, **values}
 
     def optuna_distributions(self) -> dict[str, BaseDistribution]:
@@ -97,7 +90,16 @@ class MissionObjective:
 
     def ax_parameters(self) -> list[dict[str, Any]]:
         """Ax's parameters, for ``AxClient.create_experiment``."""
-        return [_ax_parameter(p) for p in self.settings.space.parameters]
+        entries = list[dict[str, Any]]()
+        for p in self.settings.space.parameters:
+            if p.kind == "categorical":
+                entry: dict[str, Any] = {"type": "choice", "values": list(p.choices), "is_ordered": False}
+            else:
+                low, high = (p.low, p.high) if p.kind == "int" else (float(p.low), float(p.high))
+                entry = {"type": "range", "bounds": [low, high], "value_type": p.kind}
+                entry["log_scale"] = p.scale == "log"
+            entries.append({"name": p.path, **entry})
+        return entries
 
 
 def objective(
@@ -148,11 +150,3 @@ def _value(p: Parameter, x: float) -> Any:
     if p.kind == "float" or not math.isfinite(x):
         return x
     return p.choices[round(x)] if p.kind == "categorical" and 0 <= round(x) < len(p.choices) else round(x)
-
-
-def _ax_parameter(p: Parameter) -> dict[str, Any]:
-    if p.kind == "categorical":
-        return {"name": p.path, "type": "choice", "values": list(p.choices), "is_ordered": False}
-    low, high = (p.low, p.high) if p.kind == "int" else (float(p.low), float(p.high))
-    entry = {"name": p.path, "type": "range", "bounds": [low, high], "value_type": p.kind}
-    return {**entry, "log_scale": p.scale == "log"}

@@ -32,8 +32,8 @@ from nbv.rocks import load_rock
 from nbv.rocks.catalogue import write_rock
 from nbv.rocks.families import generated_name
 from nbv.rocks.recipes import RECIPES
-from nbv.safe_files import write_atomic
-from tuner.missions.job import MissionJob, Trial, load_trial, remove_earlier_result
+from nbv.safe_files import remove, write_atomic
+from tuner.missions.job import MissionJob, Trial, load_trial
 from tuner.missions.pool import MAX_WORKERS, Executor, MissionPool
 from tuner.missions.registry import code_of, mission_kind
 
@@ -89,7 +89,7 @@ class DaskPool(Executor):
     def submit(self, job: MissionJob) -> futures.Future[Trial]:
         self._require_scheduler()
         job.directory.mkdir(parents=True, exist_ok=True)
-        remove_earlier_result(job)
+        remove(job.directory / RESULT)  # which an earlier, unfinished attempt may have left
         rock_sha256, rock = self._rock(job)
         order = {
             "job": job.to_dict(),
@@ -152,7 +152,8 @@ class DaskPool(Executor):
                 why = f"a worker cannot import this program ({error}); install it there"
                 return job.failed("user_error", why, wall_s)
             return job.failed("machine_error", f"{name}: {error}", wall_s)
-        _unpack(answer["files"], job.directory)
+        with zipfile.ZipFile(io.BytesIO(answer["files"])) as archive:
+            archive.extractall(job.directory)
         overran = answer["reason"] == "timeout"
         trial = None if overran else load_trial(job, answer["wall_s"])
         return trial or job.failed(answer["reason"], answer["message"], answer["wall_s"])
@@ -239,8 +240,3 @@ def _pack(directory: Path) -> bytes:
         for path in sorted(files, key=lambda path: path == directory / RESULT):
             archive.write(path, path.relative_to(directory))
     return buffer.getvalue()
-
-
-def _unpack(files: bytes, directory: Path) -> None:
-    with zipfile.ZipFile(io.BytesIO(files)) as archive:
-        archive.extractall(directory)

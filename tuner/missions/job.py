@@ -17,7 +17,7 @@ from nbv.config import MissionConfig, config_from_dict
 from nbv.errors import UserError
 from nbv.mission.result import Keep, MissionResult
 from nbv.mission.run_directory import RESULT, read_result
-from nbv.safe_files import remove, write_atomic
+from nbv.safe_files import write_atomic
 from tuner.missions.registry import DEFAULT_FIDELITY
 from tuner.problem.goal import Objective
 from tuner.problem.instances import Instance
@@ -78,11 +78,6 @@ class MissionJob:
                 directory=self.directory, config_digest=self.config.digest(), job_id=self.id, **ended
             ),
         )
-
-    def has_finished(self) -> bool:
-        """Return whether its directory has a final result: neither a failure of the machine nor a user's mistake."""
-        trial = load_trial(self)
-        return trial is not None and trial.reason != "user_error" and not trial.infrastructure_failure
 
     def failed(self, reason: str, message: str, wall_s: float = 0.0) -> Trial:
         """Return the failed trial of a mission without a result; ``reason``: a code such as ``timeout``, ``message``: for people."""
@@ -177,6 +172,11 @@ class Trial(Observation):
         return self.record.status == "failed" and self.reason.partition(":")[0] in _INFRASTRUCTURE_FAILURES
 
     @property
+    def is_final(self) -> bool:
+        """Whether it has ended, neither by the machine nor by a user's mistake: it is not run again."""
+        return self.reason != "user_error" and not self.infrastructure_failure
+
+    @property
     def possibly_machine_fault(self) -> bool:
         """Whether the machine or the configuration may have ended it."""
         return self.record.status == "failed" and self.reason.partition(":")[0] in _POSSIBLY_MACHINE_FAULTS
@@ -195,8 +195,18 @@ def load_trial(job: MissionJob, wall_s: float | None = None) -> Trial | None:
 
     A ``mission.json`` of another configuration, condition, rock or replicate is not this mission's.
     """
+    expected = {
+        "config_digest": job.config.digest(),
+        "replicate": job.replicate,
+        "condition": job.config.condition,
+    }
+    # A mesh file's rock has a name of its own: its content is compared by the campaign.
+    if os.sep not in job.rock and not Path(job.rock).suffix:
+        expected["rock"] = job.rock
     tree = _result_in(job.directory)
-    if tree is None or not _is_of(tree, job):
+    if tree is None or any(tree.get(key) != value for key, value in expected.items()):
+        return None
+    if not all(isinstance(tree.get(key) or {}, dict) for key in ("provenance", "costs", *_MEASURED)):
         return None
     scorers = {step.get("scorer") for step in tree.get("trace") or ()}
     chosen = [str(step.get("chosen")) for step in tree.get("trace") or ()]
@@ -239,26 +249,6 @@ def record_failure(tree: Mapping[str, Any], reason: str, message: str) -> None:
     directory = Path(tree["directory"])
     directory.mkdir(parents=True, exist_ok=True)
     write_atomic(directory / RESULT, result.to_json())
-
-
-def remove_earlier_result(job: MissionJob) -> None:
-    """Remove the result that an earlier, unfinished attempt at this job may have left."""
-    remove(job.directory / RESULT)
-
-
-def _is_of(tree: Mapping[str, Any], job: MissionJob) -> bool:
-    expected = {
-        "config_digest": job.config.digest(),
-        "replicate": job.replicate,
-        "condition": job.config.condition,
-    }
-    if any(tree.get(key) != value for key, value in expected.items()):
-        return False
-    if not all(isinstance(tree.get(key) or {}, dict) for key in ("provenance", "costs", *_MEASURED)):
-        return False
-    # A mesh file's rock has a name of its own: its content is compared by the campaign.
-    is_name = os.sep not in job.rock and not Path(job.rock).suffix
-    return not is_name or tree.get("rock") == job.rock
 
 
 def _result_in(directory: Path) -> dict[str, Any] | None:

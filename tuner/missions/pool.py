@@ -31,8 +31,8 @@ from nbv import plugins
 from nbv.errors import MissionFailure, UserError
 from nbv.mission.run_directory import RESULT, WORKER_LOG
 from nbv.process import ONE_THREAD
-from nbv.safe_files import write_atomic
-from tuner.missions.job import MissionJob, Trial, load_trial, record_failure, remove_earlier_result
+from nbv.safe_files import remove, write_atomic
+from tuner.missions.job import MissionJob, Trial, load_trial, record_failure
 from tuner.missions.registry import DEFAULT_FIDELITY, kind_on, modules_of
 
 MAX_WORKERS = 256
@@ -110,7 +110,7 @@ class MissionPool(Executor):
             _start_server(self._fidelity)
 
     def submit(self, job: MissionJob) -> Future[Trial]:
-        remove_earlier_result(job)
+        remove(job.directory / RESULT)  # which an earlier, unfinished attempt may have left
         future: Future[Trial] = Future()
         # A thread each, which nobody waits for at the end of the program: it waits for one mission.
         threading.Thread(target=self._run, args=(job, job.to_dict(), future), daemon=True).start()

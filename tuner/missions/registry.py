@@ -194,11 +194,6 @@ def usual_preset(targets: Sequence[str], fidelity: str = DEFAULT_FIDELITY) -> st
     return "photographs" if over_sets else "campaign"
 
 
-def uses_store(fidelity: str) -> bool:
-    """Whether missions of this fidelity keep what they share in the store: those that are built in."""
-    return fidelity in BUILT_IN
-
-
 def modules_of(fidelity: str) -> tuple[str, ...]:
     """The modules that every worker imports to run ``fidelity``: its own, then libraries; of a plug-in's what it may well build on."""
     kind = BUILT_IN.get(fidelity, _GEOMETRIC)

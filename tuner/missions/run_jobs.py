@@ -14,7 +14,7 @@ from queue import Empty, SimpleQueue
 from typing import Protocol, TypeVar
 
 from nbv.errors import UserError
-from tuner.missions.job import MissionJob, Trial, should_retry
+from tuner.missions.job import MissionJob, Trial, load_trial, should_retry
 from tuner.missions.pool import Executor
 
 # What every long run needs: one owner per directory, and an orderly stop.
@@ -133,7 +133,9 @@ class JobList:
         on_launch: Callable[[MissionJob], None] = lambda job: None,
         on_end: Callable[[Trial], None] = lambda trial: None,
     ) -> None:
-        self.waiting = collections.deque(job for job in jobs if not job.has_finished())
+        self.waiting = collections.deque(
+            job for job in jobs if (trial := load_trial(job)) is None or not trial.is_final
+        )
         self.open = len(self.waiting)  # not run to an end that counts
         self.launched, self._on_end = on_launch, on_end
 

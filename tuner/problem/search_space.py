@@ -10,11 +10,12 @@ import dataclasses
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from operator import attrgetter
 from typing import Any, Literal
 
 import numpy as np
 
-from nbv.config import MissionConfig
+from nbv.config import MissionConfig, parameter
 from nbv.errors import UserError
 from nbv.types import Bools, Floats
 from tuner.problem.instances import Instance, rocks_of
@@ -133,7 +134,7 @@ class SearchSpace:
 
     @property
     def paths(self) -> tuple[str, ...]:
-        return tuple(parameter.path for parameter in self.parameters)
+        return tuple(p.path for p in self.parameters)
 
     def base_config(self, preset: MissionConfig, overrides: Mapping[str, Any] | None = None) -> MissionConfig:
         """Return ``preset`` with the space's own defaults, the overrides, and the fixed values, at once: one may need another."""
@@ -188,27 +189,39 @@ class SearchSpace:
         """
         base = self.base_config(preset)
         values: Values = {}
-        for parameter in self.parameters:
-            value = parameter.default if parameter.default is not None else value_at(base, parameter.path)
-            if not parameter.contains(value):
+        for p in self.parameters:
+            value = p.default if p.default is not None else value_at(base, p.path)
+            if not p.contains(value):
                 raise UserError(
-                    f"search space {self.name!r}: {parameter.path} has the default {value!r}, outside "
-                    f"{_range_text(parameter)}; widen the bounds or give an explicit default"
+                    f"search space {self.name!r}: {p.path} has the default {value!r}, outside "
+                    f"{_range_text(p)}; widen the bounds or give an explicit default"
                 )
-            values[parameter.path] = value
+            values[p.path] = value
         for p in self.parameters:
             for end in p.ends:
                 self._require_mission(
                     base, {**values, p.path: end}, f"{p.path} = {end!r}", "narrow the bounds"
                 )
-        known = {parameter.path: parameter for parameter in self.parameters}
         for begin in self.begin:
-            for path, value in begin.items():
-                if path not in known or not known[path].contains(value):
-                    rule = _range_text(known[path]) if path in known else f"the parameters {', '.join(known)}"
-                    raise UserError(f"search space {self.name!r}: begin has {path} {value!r}, outside {rule}")
+            try:
+                self.require(begin)
+            except UserError as error:
+                raise UserError(f"search space {self.name!r}: begin: {error}") from error
             self._require_mission(base, {**values, **begin}, f"begin {begin}", "change it")
         return values
+
+    def require(self, values: Mapping[str, Any]) -> None:
+        """Raise `UserError` where a value is of no parameter of the space, or outside of its range."""
+        known = {p.path: p for p in self.parameters}
+        for path, value in values.items():
+            if path not in known:
+                raise UserError(f"{path!r} is not tuned; there are {', '.join(known)}")
+            if not known[path].contains(value):
+                raise UserError(f"{path} is {value!r}, outside {_range_text(known[path])}")
+
+    def contains(self, values: Mapping[str, Any]) -> bool:
+        """Whether the values, of all parameters, are a configuration of the space."""
+        return all(p.contains(values[p.path]) for p in self.parameters)
 
     def _require_mission(self, base: MissionConfig, values: Values, what: str, remedy: str) -> None:
         try:
@@ -218,7 +231,7 @@ class SearchSpace:
 
     def to_unit(self, values: Mapping[str, Any]) -> Floats:
         """Return (d,) position of ``values`` in the unit cube."""
-        return np.array([parameter.to_unit(values[parameter.path]) for parameter in self.parameters])
+        return np.array([p.to_unit(values[p.path]) for p in self.parameters])
 
     def from_unit(self, position: Floats | Sequence[float]) -> Values:
         """Return the values at a (d,) position in the unit cube, `settled`."""
@@ -270,18 +283,13 @@ class SearchSpace:
             "description": self.description,
             "base": dict(self.base),
             **({"begin": [dict(values) for values in self.begin]} if self.begin else {}),
-            "parameters": {parameter.path: parameter.to_dict() for parameter in self.parameters},
+            "parameters": {p.path: p.to_dict() for p in self.parameters},
         }
 
 
 def value_at(config: MissionConfig, path: str) -> Any:
     """Return the value of a parameter path such as ``gate.d95_m``; ``UserError`` if there is no such path."""
-    node: Any = config
-    for part in path.split("."):
-        if not hasattr(node, part):
-            config.with_values({path: None})  # names the nearest paths
-        node = getattr(node, part)
-    return node
+    return attrgetter(parameter(path).path)(config)
 
 
 def _range_text(parameter: Parameter) -> str:

@@ -58,7 +58,10 @@ def space_from_dict(tree: Any, source: str) -> SearchSpace:
     parameters = tuple(_parameter(path, spec, f"{source}: {path}") for path, spec in raw.items())
     tuned = [path for p in parameters for path in (p.path, *p.also)]
     for path in tuned:
-        _known_path(path, source)
+        try:
+            parameter(path)
+        except UserError as error:
+            raise UserError(f"{source}: {error}") from error
         if path in base:
             raise UserError(f"{source}: {path} is both fixed in 'base' and tuned; remove one of the two")
         if tuned.count(path) > 1:
@@ -87,16 +90,6 @@ def _known_keys(tree: dict[Any, Any], allowed: Sequence[str], where: str) -> Non
     for key in tree:
         if key not in allowed:
             raise UserError(f"{where}: unknown key {key!r}; allowed: {', '.join(allowed)}")
-
-
-def _known_path(path: str, source: str) -> None:
-    try:
-        parameter(path)
-    except KeyError:
-        try:
-            MissionConfig().with_values({path: None})  # says which there are
-        except UserError as error:
-            raise UserError(f"{source}: {error}") from error
 
 
 def _parameter(path: str, spec: Any, where: str) -> Parameter:

@@ -161,9 +161,6 @@ class EarlierMissions:
         return EarlierMissions(space, tuple(tree["rocks"]), tuple(observations), seen)
 
 
-VERIFICATION_BEGINS = 2 / 3  # of the budget
-
-
 class Sampler(Protocol):
     """Proposes the next mission."""
 

@@ -26,7 +26,6 @@ from tuner.problem.observations import (
 from tuner.problem.search_space import Region, Values
 from tuner.recommendation.choose import JOINT, TOP
 from tuner.samplers.base import (
-    VERIFICATION_BEGINS,
     SamplerSettings,
     derived_seed,
     in_flight,
@@ -101,6 +100,7 @@ ASIDE = 1000  # points of the sequence that the design does not reach
 REPEATS_BEFORE_EXPLORING = 4
 # Missions in flight up to which an acquisition is asked: a proposal then takes a fifth of a second.
 MAX_JOINT = 128
+VERIFICATION_BEGINS = 2 / 3  # of the budget, under a constraint
 LEAST_VERIFIED = 2  # missions that run favourites again: a tenth of the budget, but at least so many
 # Of a batch; half of it where that is more and there is one objective. Drawn ones take no time.
 SEQUENTIAL = 4
