@@ -32,7 +32,7 @@ def run_missions(
     record("began", what)
     filled = np.ones(NEEDS)
     kept = cached_json(
-        Store(), "faults", lambda: _kept(rock, replicate), code="nbv.cache.store", inputs=(rock, replicate)
+        Store(), "faults", lambda: _kept(rock, replicate), code="nbv.cache", inputs=(rock, replicate)
     )
     if kept != _kept(rock, replicate):
         record("untrue", what)

@@ -121,8 +121,13 @@ def condition_from_dict(name: str, tree: Any, source: str) -> Condition:
         )
     try:
         for section in values:
-            if section not in ENVIRONMENT_SECTIONS:
-                raise UserError(_no_environment(str(section)))
+            if section in ENVIRONMENT_SECTIONS:
+                continue
+            if section in _NAMES:
+                sections = ", ".join(ENVIRONMENT_SECTIONS)
+                raise UserError(f"{section} is no part of the environment; a condition sets {sections}")
+            near = nearest(str(section), ENVIRONMENT_SECTIONS)
+            raise UserError(f"a condition has no section {str(section)!r}; {near}")
         if isinstance(level := values.get("telemetry"), str):
             values["telemetry"] = json.loads(json.dumps(dataclasses.asdict(telemetry_level(level))))
         condition = Condition(name, values, description)
@@ -130,9 +135,3 @@ def condition_from_dict(name: str, tree: Any, source: str) -> Condition:
     except UserError as error:
         raise UserError(f"{source}: {error}") from error
     return condition
-
-
-def _no_environment(section: str) -> str:
-    if section in _NAMES:
-        return f"{section} is no part of the environment; a condition sets {', '.join(ENVIRONMENT_SECTIONS)}"
-    return f"a condition has no section {section!r}; {nearest(section, ENVIRONMENT_SECTIONS)}"

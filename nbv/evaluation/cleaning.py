@@ -111,11 +111,17 @@ def find_ground(points_m: Floats, config: EvaluationConfig, target_m: Floats) ->
     tilt = np.tan(np.deg2rad(config.ground_max_tilt_deg))
     reach = config.ground_max_offset_m + np.sqrt(2.0) * config.crop_half_extent_m * tilt
     slack = config.ground_ransac_threshold_m / np.cos(np.deg2rad(config.ground_max_tilt_deg))
+
+    def is_ground(plane: Plane) -> bool:
+        if plane.normal[2] < np.cos(np.deg2rad(config.ground_max_tilt_deg)):
+            return False
+        return abs(plane.height_at_m(float(target_m[0]), float(target_m[1]))) <= config.ground_max_offset_m
+
     return ground_plane(
         points_m[points_m[:, 2] <= reach + slack],
         lowest,
         config.ground_ransac_threshold_m,
-        lambda plane: _is_ground(plane, config, target_m),
+        is_ground,
         config.ground_ransac_iterations,
         keyed_rng("ground-ransac", _SEED),
     )
@@ -147,12 +153,6 @@ def inlier_mask(distances_m: Floats, std_ratio: float) -> Bools:
     mean = distances_m.mean(1)
     keep: Bools = mean <= mean.mean() + std_ratio * mean.std()
     return keep
-
-
-def _is_ground(plane: Plane, config: EvaluationConfig, target_m: Floats) -> bool:
-    if plane.normal[2] < np.cos(np.deg2rad(config.ground_max_tilt_deg)):
-        return False
-    return abs(plane.height_at_m(float(target_m[0]), float(target_m[1]))) <= config.ground_max_offset_m
 
 
 def _scattered(points_m: Floats, distances_m: Floats, nearest: Ints, radius_m: float) -> Bools:

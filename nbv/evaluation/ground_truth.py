@@ -160,12 +160,8 @@ def perfect_cloud(rock: Rock, config: MissionConfig) -> Floats:
     if len(samples):
         caster = RayCaster(rock.vertices_m, rock.faces)
         samples = samples[observable_mask(caster, samples, normals, camera_shell(config))]
-    return _voxel_means(samples, voxel_m) if len(samples) else samples
-
-
-def _voxel_means(points_m: Floats, voxel_m: float) -> Floats:
-    """(V, 3) means of the points (N, 3) in each occupied voxel of the size ``voxel_m``, the origin a corner of one."""
-    x, y, z = np.floor(points_m / voxel_m).astype(np.int64).T + (1 << _BITS - 1)
-    keys = x << 2 * _BITS | y << _BITS | z
-    sums, counts = sums_by_voxel(keys, points_m)
+    if not len(samples):
+        return samples
+    x, y, z = np.floor(samples / voxel_m).astype(np.int64).T + (1 << _BITS - 1)
+    sums, counts = sums_by_voxel(x << 2 * _BITS | y << _BITS | z, samples)
     return sums / counts[:, None]

@@ -101,18 +101,12 @@ def _route(space: Airspace, start: Pose, end: Pose) -> tuple[Leg, ...]:
         for corner, heading in _corners(a, b, keep_out, end.heading_rad)
         if clear(a, corner, keep_out) and clear(corner, b, keep_out)
     ]
-    return min(choices, key=_duration_s) if choices else _over(space, start, end, keep_out.top_m + MARGIN_M)
-
-
-def _over(space: Airspace, start: Pose, end: Pose, top_m: float) -> tuple[Leg, ...]:
-    """Straight up, across and straight down."""
-    top_m = max(start.position_m[2], end.position_m[2], top_m)
+    if choices:
+        return min(choices, key=lambda legs: sum(leg.duration_s for leg in legs))
+    # Straight up, across and straight down.
+    top_m = max(start.position_m[2], end.position_m[2], keep_out.top_m + MARGIN_M)
     up, over = (pose_at(np.array([*p.position_m[:2], top_m]), end.heading_rad) for p in (start, end))
     return space.straight(start, up, over, end)
-
-
-def _duration_s(legs: tuple[Leg, ...]) -> float:
-    return sum(leg.duration_s for leg in legs)
 
 
 def pose_at(position_m: Floats, heading_rad: float) -> Pose:

@@ -47,7 +47,12 @@ class TelemetryErrors:
         c = self._config
         sd_m = np.array([c.horizontal_noise_m, c.horizontal_noise_m, c.vertical_noise_m])
         error_m = sd_m * normal[:3] + self.drift_m(time_s)
-        position_m = world_from_reported[:3, 3] - error_m + self._lever_arm_m(world_from_reported)
+        # The vehicle is level and heads where the camera looks.
+        forward = world_from_reported[:2, 2]
+        east, north = forward / max(1e-12, float(np.linalg.norm(forward)))
+        along, left, up = c.lever_arm_m
+        lever_m = np.array([along * east - left * north, along * north + left * east, up])
+        position_m = world_from_reported[:3, 3] - error_m + lever_m
         position_m[2] = max(position_m[2], self._min_altitude_m)
         tilt = Rotation.from_rotvec(np.deg2rad(c.attitude_noise_deg) * normal[3:]).as_matrix()
         true = np.eye(4)
@@ -61,10 +66,3 @@ class TelemetryErrors:
         angle = self._frequencies * (time_s / self._config.drift_time_s) + self._phases
         wave: Floats = self._config.drift_m * math.sqrt(2.0 / _WAVES) * np.cos(angle).sum(axis=1)
         return wave
-
-    def _lever_arm_m(self, world_from_camera: Floats) -> Floats:
-        """(3,) from the reported point to the camera in the world; the vehicle is level and heads where the camera looks."""
-        forward = world_from_camera[:2, 2]
-        east, north = forward / max(1e-12, float(np.linalg.norm(forward)))
-        along, left, up = self._config.lever_arm_m
-        return np.array([along * east - left * north, along * north + left * east, up])

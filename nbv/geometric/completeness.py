@@ -36,15 +36,6 @@ def best_so_far(probability: Floats, neighbours: NDArray[np.integer]) -> Floats:
     return np.maximum.accumulate(np.concatenate([none, probability[neighbours]]), axis=0)
 
 
-def within_reach(best: Floats, count: NDArray[np.integer]) -> Floats:
-    """(S,) chance that something is reconstructed among each sample's ``count`` (S,) nearest (`best_so_far`).
-
-    A depth is a matter of a few pixels, so within reach there are `CHANCES_IN_REACH` chances as good as the best
-    neighbour's. Of likelihood, on ten photogrammetric orbits with 3 agreeing views (docs/results/index.md).
-    """
-    return 1.0 - np.power(1.0 - best[count, np.arange(best.shape[1])], CHANCES_IN_REACH)
-
-
 def sample_probability(
     world: GeometricWorld,
     seen: Bools,
@@ -90,7 +81,11 @@ def predicted_metrics(world: GeometricWorld, probability: Floats, config: Missio
     thresholds = sorted({*config.evaluation.thresholds_mm, SECTOR_THRESHOLD_MM})
     best = best_so_far(probability, world.neighbours_by_rank)
     finest = min(1.0, resolution(world.camera))  # coarser pixels place points less well
-    reached = {t: within_reach(best, world.reach_counts(finest * t / 1000.0)) for t in thresholds}
+    # A depth is a matter of a few pixels, so within reach there are `CHANCES_IN_REACH` chances as good as the best neighbour's.
+    # Of likelihood, on ten photogrammetric orbits with 3 agreeing views (docs/results/index.md).
+    samples = np.arange(best.shape[1])
+    counts = {t: world.reach_counts(finest * t / 1000.0) for t in thresholds}
+    reached = {t: 1.0 - np.power(1.0 - best[count, samples], CHANCES_IN_REACH) for t, count in counts.items()}
     sectors = azimuth_sectors(world.samples_m, config.target_m, config.evaluation.azimuth_sectors)
     everything = np.ones(len(probability), dtype=bool)
     metrics: dict[str, Any] = {

@@ -367,7 +367,8 @@ def _build(rock: Rock, config: MissionConfig, caster: RayCaster) -> Arrays:
     near_m = _near_m(config)
     near, far = _near_ground(near_m), _far_ground(near_m)
     ground = np.concatenate([near, far])
-    ground = ground[~_under_rock(caster, ground)]
+    up = rays_of(ground - [0.0, 0.0, 1e-3], np.array([0.0, 0.0, 1.0]))
+    ground = ground[caster.cast(up).t >= 0.03]  # else the rock rests on it
     n_near = len(on_rock) + int((np.abs(ground[:, :2]).max(axis=1) <= near_m).sum())
     landmarks = np.concatenate([on_rock, ground])
     normals = np.concatenate([rock_normals, np.tile([0.0, 0.0, 1.0], (len(ground), 1))])
@@ -421,12 +422,6 @@ def _far_ground(inner_m: float) -> Floats:
     xy = radius[:, None] * np.stack([np.cos(2 * np.pi * bearing), np.sin(2 * np.pi * bearing)], axis=1)
     xy = xy[np.abs(xy).max(axis=1) > inner_m]
     return np.column_stack([xy, np.zeros(len(xy))])
-
-
-def _under_rock(caster: RayCaster, points_m: Floats) -> Bools:
-    rays = rays_of(points_m - [0.0, 0.0, 1e-3], np.array([0.0, 0.0, 1.0]))
-    rests: Bools = caster.cast(rays).t < 0.03  # the rock rests on it
-    return rests
 
 
 class _Shading:

@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from nbv.cache import Arrays, Store, cache_key, digest
+from nbv.cache import Store, cache_key, digest
 from nbv.config import DENSE_BACKENDS, MissionConfig
 from nbv.dense.reconstruct import dense_cloud
 from nbv.dense.stereo import PosedViews, coarse_depth
@@ -32,6 +32,7 @@ from nbv.types import Capture, Cloud, LazyCloud, Point, PointCloud, Reconstructo
 
 # Of stereo pairs, between the baseline and the line to a target that had to be found.
 LEAST_BASELINE_ANGLE_DEG = 40.0
+_INDICES = ("track_offsets", "track_cameras", "depth_cameras")
 FEWEST_SEEDS = 3  # that a model can be aligned by
 
 
@@ -162,7 +163,8 @@ class PhotogrammetricReconstructor(Reconstructor):
         if with_depth:
             key = cache_key("nbv.dense", key, config.camera, list(config.target_m), config.dense)
         if self._store is not None and (entry := self._store.get("sequence-models", key)) is not None:
-            return _unpack_report(entry)
+            model = model_of({**entry, **{name: entry[name].astype(np.int64) for name in _INDICES}})
+            return UpdateReport(model, bool(entry["registered"]), str(entry["message"]))
         report = self._catch_up()  # a failure is not kept, it is met again
         assert report is not None
         if with_depth:
@@ -170,7 +172,11 @@ class PhotogrammetricReconstructor(Reconstructor):
             depth_m, cameras = coarse_depth(self._views(self._sparse), report.model.points_m)
             report = replace(report, model=replace(report.model, depth_m=depth_m, depth_cameras=cameras))
         if self._store is not None:
-            self._store.put("sequence-models", key, _pack_report(report))
+            arrays = arrays_of(report.model)
+            for name in _INDICES:  # in the smallest type that holds them
+                arrays[name] = arrays[name].astype(np.min_scalar_type(int(arrays[name].max(initial=0))))
+            told = {"registered": np.array(report.registered), "message": np.array(report.message)}
+            self._store.put("sequence-models", key, {**arrays, **told})
         return report
 
     def _mapped(self) -> SparseReconstructor:
@@ -192,17 +198,3 @@ class PhotogrammetricReconstructor(Reconstructor):
             self._to_refine = False
             sparse.refine()
         return report
-
-
-def _pack_report(report: UpdateReport) -> Arrays:
-    arrays = arrays_of(report.model)
-    for name in ("track_offsets", "track_cameras", "depth_cameras"):  # in the smallest type that holds them
-        arrays[name] = arrays[name].astype(np.min_scalar_type(int(arrays[name].max(initial=0))))
-    return {**arrays, "registered": np.array(report.registered), "message": np.array(report.message)}
-
-
-def _unpack_report(entry: Arrays) -> UpdateReport:
-    indices = {
-        name: entry[name].astype(np.int64) for name in ("track_offsets", "track_cameras", "depth_cameras")
-    }
-    return UpdateReport(model_of({**entry, **indices}), bool(entry["registered"]), str(entry["message"]))

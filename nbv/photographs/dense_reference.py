@@ -14,7 +14,7 @@ from nbv.cache import cached
 from nbv.config import CameraConfig, DenseConfig, EvaluationConfig
 from nbv.config.presets import PHOTOGRAPH_SET_DEFAULTS
 from nbv.dense import PosedViews, make_backend, patchmatch_runs
-from nbv.dense.fusion import fuse
+from nbv.dense.reconstruct import fuse
 from nbv.dense.stereo import check_consistency, points_to_search, sgbm_depth_maps, shrunk, shrunk_camera
 from nbv.errors import MissionFailure, UserError
 from nbv.evaluation.cleaning import inlier_mask, select

@@ -125,7 +125,13 @@ def read_folder(
         )
     if len(kept) < FEWEST:
         raise UserError(f"{folder} has {len(kept)} photographs; a set needs {FEWEST} or more that overlap")
-    return _with_names(sorted(kept, key=lambda p: (p.time or "", p.path)), folder), notes
+    kept.sort(key=lambda p: (p.time or "", p.path))
+    parts = [p.path.relative_to(folder) for p in kept]
+    names = [_readable("_".join(part.with_suffix("").parts)) for part in parts]
+    if len({name.lower() for name in names}) < len(names):
+        # Two files may differ in their suffix alone, in "/" that was "_", or in bytes that are no UTF-8.
+        names = [f"{index}_{name}" for index, name in enumerate(names)]
+    return [replace(p, name=name) for p, name in zip(kept, names, strict=True)], notes
 
 
 def _other_folder(folder: Path, bright: set[Path]) -> str:
@@ -339,15 +345,6 @@ def _position(gps: Mapping[int, Any]) -> tuple[float, float, float] | None:
     if altitude is None or not math.isfinite(latitude + longitude):
         return None
     return north * latitude, east * longitude, up * altitude
-
-
-def _with_names(photographs: list[SourcePhotograph], folder: Path) -> list[SourcePhotograph]:
-    """With unique names: two files may differ in their suffix alone, in "/" that was "_", or in bytes that are no UTF-8."""
-    parts = [p.path.relative_to(folder) for p in photographs]
-    names = [_readable("_".join(part.with_suffix("").parts)) for part in parts]
-    if len({name.lower() for name in names}) < len(names):
-        names = [f"{index}_{name}" for index, name in enumerate(names)]
-    return [replace(p, name=name) for p, name in zip(photographs, names, strict=True)]
 
 
 def _readable(name: str) -> str:

@@ -35,7 +35,7 @@ from nbv.evaluation.ground_truth import GroundTruthSamples
 from nbv.evaluation.registry import compute_metrics
 from nbv.flight.telemetry import TelemetryErrors
 from nbv.gates import GroundTruthOracle
-from nbv.geometry.frames import angles_deg, azimuths_elevations_deg, heading_to, unit_vectors
+from nbv.geometry.frames import angles_deg, azimuths_elevations_deg, directions_from, heading_to, unit_vectors
 from nbv.geometry.visibility import nearest_neighbours
 from nbv.mission.fidelity import MissionContext
 from nbv.mission.run_directory import LOCATED, RunDirectory
@@ -77,7 +77,7 @@ class PhotographViewpoints(ViewpointSource):
     ) -> None:
         self.positions_m = np.asarray(positions_m, dtype=float).reshape(-1, 3)
         offset = self.positions_m - np.asarray(target_m)
-        self.directions = offset / np.linalg.norm(offset, axis=1, keepdims=True)
+        self.directions = directions_from(np.asarray(target_m), self.positions_m)
         self.azimuths_deg, self.elevations_deg = azimuths_elevations_deg(offset)
         self.turn_deg = (
             float(keyed_rng("photographs-turn", key, replicate).uniform(0.0, 360.0)) if replicate else 0.0
@@ -103,9 +103,7 @@ class PhotographViewpoints(ViewpointSource):
         near more than a quarter of the others, or hardly any is within the altitudes of the pool.
         """
         self._require_candidates(config)
-        return self._nearest_to(seed_viewpoints(config))
-
-    def _nearest_to(self, wanted: Sequence[Viewpoint]) -> list[Viewpoint]:
+        wanted = seed_viewpoints(config)
         if len(wanted) > len(self.positions_m):
             raise MissionFailure(
                 "not_photographed",

@@ -349,7 +349,13 @@ def read_model(path: Path, source: ImportSource) -> list[tuple[SolvedModel, Impo
     name_of = {file: name for name, file in file_of.items()}
     cameras = {name: model.camera(images[file].camera_id) for file, name in name_of.items()}
     for name, camera in cameras.items():
-        if _is_bogus(camera):
+        if (
+            not all(1 <= side <= _MAX_SIDE_PX for side in (camera.width, camera.height))
+            or camera.is_spherical()
+            or not camera.verify_params()
+            or not np.isfinite(camera.params).all()
+            or camera.has_bogus_params(*_FOCAL_SIDES, _MAX_DISTORTION)
+        ):
             raise UserError(
                 f"{path} cannot be read: no perspective picture is of a {camera.model_name} of {camera.width} x {camera.height} px "
                 f"with {camera.params_to_string()} (of {file_of[name]}); export it again"
@@ -374,16 +380,6 @@ def read_model(path: Path, source: ImportSource) -> list[tuple[SolvedModel, Impo
             f"the folder with {photograph.size_px[0]} x {photograph.size_px[1]}"
         )
     return answers
-
-
-def _is_bogus(camera: pycolmap.Camera) -> bool:
-    return (
-        not all(1 <= side <= _MAX_SIDE_PX for side in (camera.width, camera.height))
-        or camera.is_spherical()
-        or not camera.verify_params()
-        or not bool(np.isfinite(camera.params).all())
-        or camera.has_bogus_params(*_FOCAL_SIDES, _MAX_DISTORTION)
-    )
 
 
 def _colmap(folder: Path) -> pycolmap.Reconstruction:

@@ -31,17 +31,14 @@ def generate_rock(name: str, store: Store | None = None, *, grid_m: float = GRID
     inputs = [name, grid_m, *FAMILY_REGISTRY.sources(*(drawn or ())[:1])]
 
     def make() -> Arrays:
-        return rock_arrays(_made(name, recipe, grid_m))
+        # Recipes draw at the default height. Edges grow with the root of the rock's, faces with the rock's.
+        vertices, faces = _surface(recipe, grid_m * float(np.sqrt(DEFAULT_HEIGHT_M / recipe.height_m)))
+        vertices, _ = rest_on_ground(vertices, recipe.height_m)
+        albedo = procedural_albedo(vertices, vertex_normals(vertices, faces), recipe.seed, recipe.paint)
+        split, difficulty = recipe.split, recipe.difficulty
+        return rock_arrays(make_rock(name, vertices, faces, albedo, split=split, difficulty=difficulty))
 
     return rock_of(cached(store, "rocks", make, code=__name__, inputs=inputs))
-
-
-def _made(name: str, recipe: Recipe, grid_m: float) -> Rock:
-    # Recipes draw at the default height. Edges grow with the root of the rock's, faces with the rock's.
-    vertices, faces = _surface(recipe, grid_m * float(np.sqrt(DEFAULT_HEIGHT_M / recipe.height_m)))
-    vertices, _ = rest_on_ground(vertices, recipe.height_m)
-    albedo = procedural_albedo(vertices, vertex_normals(vertices, faces), recipe.seed, recipe.paint)
-    return make_rock(name, vertices, faces, albedo, split=recipe.split, difficulty=recipe.difficulty)
 
 
 def _surface(recipe: Recipe, grid_m: float) -> tuple[Floats, Ints]:

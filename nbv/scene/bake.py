@@ -64,18 +64,36 @@ def build_scene(
     geometry: dict[str, Any] = {"spec": dataclasses.asdict(spec), "sun": config.sun_travel}
     light = {"irradiance": config.sun_irradiance, "ambient": config.ambient}
 
+    def ground_arrays() -> Arrays:
+        arrays = {}
+        for level, (albedo, sun_cosine) in enumerate(synthesise_ground(config.ground_seed, to_sun, spec)):
+            arrays[f"albedo_{level}"] = np.rint(albedo * _FULL_SCALE).astype(np.uint16)
+            arrays[f"sun_{level}"] = np.rint(sun_cosine * 255).astype(np.uint8)
+        return arrays
+
+    def rock_arrays() -> Arrays:
+        caster = RayCaster(vertices, faces)
+        arrays: Arrays = {"radiance": vertex_radiance(rock.albedo, vertices, faces, config, to_sun, caster)}
+        # The box around the rock's shadow on z = 0.
+        shadow = vertices[:, :2] - vertices[:, 2:] * (to_sun[:2] / to_sun[2]).astype(np.float32)
+        (x0, y0), (x1, y1) = shadow.min(0).tolist(), shadow.max(0).tolist()
+        for level in range(spec.levels):
+            bounds, sunlit = _ground_sunlit((x0, x1, y0, y1), level, spec, to_sun, caster)
+            arrays[f"shadow_box_{level}"], arrays[f"sunlit_{level}"] = bounds, sunlit
+        return arrays
+
     def stored(kind: str, bake: Callable[[], Arrays], **inputs: Any) -> Arrays:
         return cached(store, kind, bake, code=__name__, inputs=[inputs])
 
     surface = stored(
         "scene-ground",
-        lambda: _ground_arrays(config.ground_seed, to_sun, spec),
+        ground_arrays,
         seed=config.ground_seed,
         **geometry,
     )
     rock_light = stored(
         "scene-rock",
-        lambda: _rock_arrays(vertices, faces, rock.albedo, config, to_sun, spec),
+        rock_arrays,
         rock=rock.sha256,
         **geometry,
         **light,
@@ -100,33 +118,6 @@ def build_scene(
     )
 
 
-def _ground_arrays(seed: int, to_sun: Floats, spec: GroundSpec) -> dict[str, np.ndarray]:
-    arrays = {}
-    for level, (albedo, sun_cosine) in enumerate(synthesise_ground(seed, to_sun, spec)):
-        arrays[f"albedo_{level}"] = np.rint(albedo * _FULL_SCALE).astype(np.uint16)
-        arrays[f"sun_{level}"] = np.rint(sun_cosine * 255).astype(np.uint8)
-    return arrays
-
-
-def _rock_arrays(
-    vertices: Floats32,
-    faces: NDArray[np.uint32],
-    albedo: Floats32,
-    config: SceneConfig,
-    to_sun: Floats,
-    spec: GroundSpec,
-) -> dict[str, np.ndarray]:
-    caster = RayCaster(vertices, faces)
-    arrays: dict[str, np.ndarray] = {
-        "radiance": vertex_radiance(albedo, vertices, faces, config, to_sun, caster)
-    }
-    box = _shadow_box(vertices, to_sun)
-    for level in range(spec.levels):
-        bounds, sunlit = _ground_sunlit(box, level, spec, to_sun, caster)
-        arrays[f"shadow_box_{level}"], arrays[f"sunlit_{level}"] = bounds, sunlit
-    return arrays
-
-
 def vertex_radiance(
     albedo: NDArray[np.floating],
     vertices: Floats32,
@@ -147,13 +138,6 @@ def vertex_radiance(
     return (np.asarray(albedo, dtype=np.float64) * light[:, None]).astype(np.float32)
 
 
-def _shadow_box(vertices: Floats32, to_sun: Floats) -> tuple[float, float, float, float]:
-    """(x0, x1, y0, y1) around the rock's shadow on z = 0."""
-    ground = vertices[:, :2] - vertices[:, 2:] * (to_sun[:2] / to_sun[2]).astype(np.float32)
-    (x0, y0), (x1, y1) = ground.min(0), ground.max(0)
-    return float(x0), float(x1), float(y0), float(y1)
-
-
 def _ground_sunlit(
     box: tuple[float, float, float, float],
     level: int,
@@ -161,7 +145,7 @@ def _ground_sunlit(
     to_sun: Floats,
     caster: RayCaster,
 ) -> tuple[NDArray[np.int64], NDArray[np.uint8]]:
-    """Texel bounds (r0, r1, c0, c1) of the shadow's box and the sunlit part of each texel, 255 is all of it."""
+    """Texel bounds (r0, r1, c0, c1) of the shadow's box, (x0, x1, y0, y1), and the sunlit part of each texel, 255 is all of it."""
     texel, half = spec.texel_m * 2**level, spec.half_extent_m(level)
 
     def clamp(value_m: float, up: bool) -> int:

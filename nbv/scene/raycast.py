@@ -6,6 +6,8 @@ mip level chosen from the footprint, the rock by 2 x 2 rays per pixel inside its
 
 from __future__ import annotations
 
+import itertools
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -31,10 +33,16 @@ class RaycastRenderer:
         self._scene = scene
         self._caster = RayCaster(scene.vertices_m, scene.faces)
         self._k = intrinsic_matrix(scene.camera)
-        self._mips = _with_far_mips(scene)
+        # For the horizon, besides, halved copies of the coarsest level: level l has texels 2**l wide.
+        self._mips = list(scene.ground_levels)
+        while len(self._mips[-1]) >= 2 * SMALLEST_MIP_PX:
+            half = len(self._mips[-1]) // 2
+            self._mips.append(cv2.resize(self._mips[-1], (half, half), interpolation=cv2.INTER_AREA))
         self._face_radiance = scene.vertex_radiance[scene.faces]  # (F, 3, 3): one look-up a ray, not four
         self._ground_mean = np.float32(scene.ground_mean_radiance * 65535.0)
-        self._corners = _box_corners(scene.vertices_m)
+        # (8, 4) homogeneous corners of the box around the rock.
+        x, y, z = zip(scene.vertices_m.min(0), scene.vertices_m.max(0))
+        self._corners: Floats = np.array([(*corner, 1.0) for corner in itertools.product(x, y, z)])
 
     def rgb(self, camera_from_world: Floats) -> NDArray[np.uint8]:
         matrix, position = np.asarray(camera_from_world, dtype=float), camera_position(camera_from_world)
@@ -172,23 +180,6 @@ class RaycastRenderer:
         for axis in range(3):
             bundle[..., 3 + axis] = rays.component(axis, columns, rows)
         return self._caster.cast(bundle)
-
-
-def _box_corners(vertices_m: Floats32) -> Floats:
-    """(8, 4) homogeneous corners of the box around vertices (V, 3)."""
-    low, high = vertices_m.min(0), vertices_m.max(0)
-    return np.array(
-        [[x, y, z, 1.0] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])]
-    )
-
-
-def _with_far_mips(scene: Scene) -> list[NDArray[np.uint16]]:
-    """The clipmap's levels and, for the horizon, halved copies of its coarsest: level l has texels 2**l wide."""
-    mips = list(scene.ground_levels)
-    while len(mips[-1]) >= 2 * SMALLEST_MIP_PX:
-        half = len(mips[-1]) // 2
-        mips.append(cv2.resize(mips[-1], (half, half), interpolation=cv2.INTER_AREA))
-    return mips
 
 
 class _PixelRays:

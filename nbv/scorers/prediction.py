@@ -100,9 +100,10 @@ class Prediction:
     def completeness(self) -> float:
         """Share of the rock's observable surface within 48 mm of the dense cloud, 0 to 1: three in four clouds have as much."""
         weight = CALIBRATION
+        chance = min(max(self.mean_chance, _LEAST_SHARE), 1.0 - _LEAST_SHARE)
         log_odds = (
             weight.intercept
-            + weight.mean_chance * _log_odds(self.mean_chance)
+            + weight.mean_chance * float(np.log(chance / (1.0 - chance)))
             + weight.log_unknown * float(np.log(self.unknown + LEAST_UNKNOWN))
         )
         return float(1.0 / (1.0 + np.exp(-log_odds)))
@@ -185,7 +186,11 @@ def predict(model: SparseModel, config: MissionConfig) -> Prediction:
     near &= model.depth_m[:, 2] > GROUND_CLEARANCE_M
     places, cameras_m = model.depth_m[near], model.camera_centers_m
     known = places
-    hull = _estimated_hull(np.concatenate([model.points_m, known[:: len(known) // 500 + 1]]), config)
+    on_rock = points_on_rock(np.concatenate([model.points_m, known[:: len(known) // 500 + 1]]), config)
+    target, sphere = np.array(config.target_m), ball(config)
+    if len(on_rock) >= FEWEST_POINTS:
+        sphere = target + BALL_WITHIN * (sphere - target)
+    hull = ConvexHull(np.concatenate([on_rock, sphere]))
     ends = np.concatenate([np.repeat(model.points_m, model.track_lengths, axis=0), model.depth_m])
     by = np.concatenate([model.track_cameras, model.depth_cameras])
     rng = keyed_rng("carved-surface", len(known))
@@ -234,14 +239,6 @@ def _chance(pairs: Floats32) -> Floats32:
     )
 
 
-def _estimated_hull(points_m: Floats, config: MissionConfig) -> ConvexHull:
-    on_rock = points_on_rock(points_m, config)
-    target, sphere = np.array(config.target_m), ball(config)
-    if len(on_rock) >= FEWEST_POINTS:
-        sphere = target + BALL_WITHIN * (sphere - target)
-    return ConvexHull(np.concatenate([on_rock, sphere]))
-
-
 def _visibility(
     samples_m: Floats, normals: Floats, cameras_m: Floats, config: MissionConfig, solid: Solid
 ) -> tuple[Bools, Floats32]:
@@ -251,11 +248,6 @@ def _visibility(
     seen = inside & (incidence <= OBSERVABLE_MAX_INCIDENCE_DEG)
     seen &= ~solid.hides(samples_m, normals, cameras_m, seen)
     return seen, incidence
-
-
-def _log_odds(share: float) -> float:
-    inside = min(max(share, _LEAST_SHARE), 1.0 - _LEAST_SHARE)
-    return float(np.log(inside / (1.0 - inside)))
 
 
 def points_on_rock(points_m: Floats, config: MissionConfig) -> Floats:

@@ -125,7 +125,11 @@ class Correspondences:
 
         def make() -> Arrays:
             with self.stopwatch.timed("sparse.matching"):
-                matches = self._match(a, b)
+                first, second = len(a) - a.n_ground, len(b) - b.n_ground
+                matches = match_pair(a.descriptors[:first], b.descriptors[:second], c.match_ratio)
+                if a.n_ground and b.n_ground:  # then of the ground seen from above
+                    ground = match_pair(a.descriptors[first:], b.descriptors[second:], GROUND_MATCH_RATIO)
+                    matches = np.concatenate([matches, ground + np.array([first, second], np.uint32)])
             with self.stopwatch.timed("sparse.verification"):
                 pair = verify_pair(a, b, matches, camera, c)
             return {"matches": pair.matches, "config": np.array(pair.config)}
@@ -133,15 +137,6 @@ class Correspondences:
         inputs = [camera, c.match_ratio, c.min_inliers, c.min_ransac_trials, a.digest, b.digest]
         entry = cached(self._store, "pairs", make, code="nbv.sparse.features", inputs=inputs)
         return VerifiedPair(entry["matches"], int(entry["config"]))
-
-    def _match(self, a: Features, b: Features) -> NDArray[np.uint32]:
-        """Matches of the photographs, then of the ground seen from above."""
-        first, second = len(a) - a.n_ground, len(b) - b.n_ground
-        matches = match_pair(a.descriptors[:first], b.descriptors[:second], self.config.sparse.match_ratio)
-        if not (a.n_ground and b.n_ground):
-            return matches
-        ground = match_pair(a.descriptors[first:], b.descriptors[second:], GROUND_MATCH_RATIO)
-        return np.concatenate([matches, ground + np.array([first, second], np.uint32)])
 
 
 # Descriptor matching and two-view verification: pure functions of two photographs.

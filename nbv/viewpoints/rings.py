@@ -77,17 +77,13 @@ def lateral_ring_counts(total: int, rings: int) -> list[int]:
     return counts
 
 
-def upper_ring_counts(total: int, rings: int) -> list[int]:
-    """``total`` shared out equally; the remainder goes to the first rings. 50 over 3: 17, 17, 16."""
-    return [total // rings + (1 if i < total % rings else 0) for i in range(rings)]
-
-
 @lru_cache(maxsize=8)
 def _raw_candidates(pool: PoolConfig, target_m: Point) -> tuple[Viewpoint, ...]:
     lateral, upper = pool.lateral_elevations_deg, pool.upper_elevations_deg
     bands = (
         ("lateral", lateral, lateral_ring_counts(pool.lateral_count, len(lateral))),
-        ("upper", upper, upper_ring_counts(pool.upper_count, len(upper))),
+        # Equally; the remainder goes to the first rings.
+        ("upper", upper, [len(range(i, pool.upper_count, len(upper))) for i in range(len(upper))]),
     )
     ring_positions = [
         (band, at)

@@ -215,9 +215,11 @@ class SearchSpace:
         known = {p.path: p for p in self.parameters}
         for path, value in values.items():
             if path not in known:
-                raise UserError(f"{path!r} is not tuned; there are {', '.join(known)}")
+                raise UserError(f"{path!r} is not in the search space; it has {', '.join(known)}")
             if not known[path].contains(value):
-                raise UserError(f"{path} is {value!r}, outside {_range_text(known[path])}")
+                raise UserError(
+                    f"{path} is {value!r}, outside of the search space: {_range_text(known[path])}"
+                )
 
     def contains(self, values: Mapping[str, Any]) -> bool:
         """Whether the values, of all parameters, are a configuration of the space."""

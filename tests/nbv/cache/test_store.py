@@ -95,7 +95,7 @@ def test_other_code_or_libraries_or_inputs_are_another_address(monkeypatch):
     assert cache_key("nbv.geometry.mesh", 1) == first
     others = [cache_key("nbv.geometry.mesh", 2), cache_key("nbv.geometry.visibility", 1)]
     code_digest.cache_clear()
-    monkeypatch.setattr("nbv.cache.store.versions", lambda: {"numpy": "0"})
+    monkeypatch.setattr("nbv.cache.versions", lambda: {"numpy": "0"})
     others.append(cache_key("nbv.geometry.mesh", 1))
     code_digest.cache_clear()
     assert len({first, *others}) == 4

@@ -7,7 +7,7 @@ from scene_helpers import around
 
 from nbv.config import CameraConfig, DenseConfig
 from nbv.dense import fusion
-from nbv.dense.fusion import fuse
+from nbv.dense.reconstruct import fuse
 from nbv.dense.stereo import (
     SEARCH_MARGIN_M,
     PosedViews,

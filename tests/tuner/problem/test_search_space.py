@@ -96,7 +96,10 @@ GOOD = D95 + "{kind: float, low: 0.01, high: 1.0, scale: log}\n"
         (GOOD + "base:\n  gate.d95_m: 0.2", "both fixed in 'base' and tuned"),
         (GOOD + "base:\n  gate.kind: psychic", "base: gate.kind is 'psychic'"),
         (GOOD + "begin: {gate.d95_m: 0.2}", "'begin' must list mappings"),
-        (GOOD + "begin:\n  - {gate.d95_m: 7}", r"begin has gate.d95_m 7, outside \[0.01, 1\]"),
+        (
+            GOOD + "begin:\n  - {gate.d95_m: 7}",
+            r"begin: gate.d95_m is 7, outside of the search space: \[0.01, 1\]",
+        ),
         (GOOD + "begin:\n  - {photographs: 30}", "outside the parameters gate.d95_m"),
         ("parametres:\n  gate.d95_m: {low: 0.1, high: 1.0}", "unknown key 'parametres'"),
         ("parameters: {}", "at least one parameter"),

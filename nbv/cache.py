@@ -1,7 +1,17 @@
-"""A store of arrays, shared by many processes.
+"""One cache with one rule. What a stage made is kept under a key, a digest of everything that decides it:
 
-An entry is a dictionary of arrays under (kind, key). Entries are written to a temporary file and renamed, so a
-reader sees a whole entry or none, and two processes that fill the same entry leave one of two equal files. An entry
+* the *kind* of thing;
+* its *inputs*: pixels, poses, options, a rock's SHA-256;
+* the source code that makes it, with all that this code imports, and the libraries' versions (`code_digest`).
+
+An entry is stale when its key is no longer asked for, and never otherwise: there is no number to raise by hand.
+`cached` is the rule in one call; without a store it only calls ``make``, so nothing is read or written. Stores are
+handed from the mission down to the stages; no algorithm opens one.
+
+Rocks that a user imported by name live beside the store (``nbv.rocks.catalogue``) and are not part of it.
+
+A store is shared by many processes. An entry is a dictionary of arrays under (kind, key). Entries are written to a temporary file and
+renamed, so a reader sees a whole entry or none, and two processes that fill the same entry leave one of two equal files. An entry
 that is damaged is noticed by the archive's own checksums, removed and made anew by whoever needs it.
 """
 
@@ -31,7 +41,7 @@ from nbv.safe_files import expanded, read_bytes, write_atomic
 # The key of a stored thing: a digest of its inputs, of the code that makes it and of the libraries below; `cached`.
 
 
-_PACKAGE = Path(__file__).resolve().parents[1]  # nbv/
+_PACKAGE = Path(__file__).resolve().parent  # nbv/
 _IMPORT = re.compile(
     r"^[ \t]*(?:from|import)[ \t]+(nbv[\w.]*)(?:[ \t]+import[ \t]+(\([^)]*\)|[^\n]*))?", re.MULTILINE
 )

@@ -1,4 +1,7 @@
-"""Plans the next view of Phase 2 from what the vehicle knows."""
+"""What a companion computer runs: candidates, scorers, gate and stop of Phase 2, and nothing that simulates.
+
+Loads neither Open3D, pyrender nor torch. The mission loop plans with it, too.
+"""
 
 from __future__ import annotations
 
