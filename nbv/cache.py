@@ -28,7 +28,7 @@ import re
 import sys
 import time
 from collections import OrderedDict
-from collections.abc import Callable, Hashable, Iterator, Sequence
+from collections.abc import Callable, Hashable, Sequence
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
@@ -240,7 +240,7 @@ class Store:
                 if path.stat().st_mtime < time.time() - _LEFT_S:
                     path.unlink()
         listed = []
-        for path in self._entries():
+        for path in self.root.glob("*/??/[!.]*"):
             with contextlib.suppress(FileNotFoundError):
                 status = path.stat()
                 listed.append((status.st_mtime, status.st_size, path))
@@ -258,10 +258,6 @@ class Store:
             if not _NAME.fullmatch(name):
                 raise ValueError(f"{name!r} cannot name an entry of the store")
         return self.root / kind / key[:2] / key
-
-    def _entries(self) -> Iterator[Path]:
-        if self.root.is_dir():
-            yield from (path for path in self.root.glob("*/??/*") if not path.name.startswith("."))
 
 
 class KnownOnly(Store):

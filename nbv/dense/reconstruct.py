@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from nbv.config import DENSE_BACKENDS, DenseConfig
+from nbv.config import DENSE_BACKENDS
 from nbv.dense.stereo import (
     DenseBackend,
     DepthMaps,
@@ -104,7 +104,20 @@ def fuse(depth_maps: DepthMaps, views: PosedViews) -> PointCloud:
         raise MissionFailure(
             "empty_dense_cloud", f"no depth is confirmed by {agreeing} views near the target"
         )
-    return _average_in_slabs(parts)
+    # In lexicographic order, slab by slab along the first index, since sums take several times the points' memory.
+    low = np.min([part.cells.min(axis=0) for part in parts], axis=0).astype(np.int64)
+    extent = np.max([part.cells.max(axis=0) for part in parts], axis=0).astype(np.int64) - low + 1
+    per_sheet = sum(
+        np.bincount(part.cells[:, 0].astype(np.int64) - low[0], minlength=extent[0]) for part in parts
+    )
+    slab_of_sheet = np.cumsum(per_sheet) // SLAB_POINTS
+    bounds = low[0] + np.append(np.flatnonzero(np.diff(slab_of_sheet, prepend=-1)), extent[0])
+    slabs = [
+        _average_voxels([part.part(start, stop) for part in parts], low, extent)
+        for start, stop in itertools.pairwise(bounds)
+    ]
+    points, colors, normals = (np.concatenate(values) for values in zip(*slabs, strict=True))
+    return PointCloud(points_m=points, colors=colors, normals=normals)
 
 
 @dataclass(frozen=True)
@@ -139,38 +152,16 @@ def _view_points(name: str, depth: Floats32, views: PosedViews) -> _ViewPoints:
     # A small weight: only decides where no real normal falls into the voxel.
     fallback = camera_points[missing]
     normal[missing] = -1e-3 * fallback / np.linalg.norm(fallback, axis=1, keepdims=True)
-    cells = np.floor(offset.take(inside, axis=0) / np.float32(config.fusion_voxel_m)).astype(
-        _cell_type(config)
-    )
+    # Small, as there is a triple for every depth, and sorted in linear time by NumPy.
+    most = config.crop_half_width_m / config.fusion_voxel_m + 2
+    cell_type = np.int16 if most < np.iinfo(np.int16).max else np.int64
+    cells = np.floor(offset.take(inside, axis=0) / np.float32(config.fusion_voxel_m)).astype(cell_type)
     order = np.argsort(cells[:, 0], kind="stable")
     inside = inside[order]
     colors = views.images[name].reshape(-1, 3).take(rows[inside] * depth.shape[1] + columns[inside], axis=0)
     normals = (normal @ rotation.astype(np.float32)).take(inside, axis=0)
     values = np.hstack([world.take(inside, axis=0), normals, colors.astype(np.float32)])
     return _ViewPoints(values, cells.take(order, axis=0))
-
-
-def _cell_type(config: DenseConfig) -> type[np.signedinteger]:
-    """Small, as there is a triple for every depth, and sorted in linear time by NumPy."""
-    most = config.crop_half_width_m / config.fusion_voxel_m + 2
-    return np.int16 if most < np.iinfo(np.int16).max else np.int64
-
-
-def _average_in_slabs(views: list[_ViewPoints]) -> PointCloud:
-    """The voxels' averages, in lexicographic order: slab by slab along the first index, since sums take several times the points' memory."""
-    low = np.min([view.cells.min(axis=0) for view in views], axis=0).astype(np.int64)
-    extent = np.max([view.cells.max(axis=0) for view in views], axis=0).astype(np.int64) - low + 1
-    per_sheet = sum(
-        np.bincount(view.cells[:, 0].astype(np.int64) - low[0], minlength=extent[0]) for view in views
-    )
-    slab_of_sheet = np.cumsum(per_sheet) // SLAB_POINTS
-    bounds = low[0] + np.append(np.flatnonzero(np.diff(slab_of_sheet, prepend=-1)), extent[0])
-    slabs = []
-    for start, stop in itertools.pairwise(bounds):
-        parts = [view.part(start, stop) for view in views]
-        slabs.append(_average_voxels(parts, low, extent))
-    points, colors, normals = (np.concatenate(values) for values in zip(*slabs, strict=True))
-    return PointCloud(points_m=points, colors=colors, normals=normals)
 
 
 def _average_voxels(

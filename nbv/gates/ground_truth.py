@@ -83,20 +83,17 @@ class GroundTruthOracle:
     def visible(self, position_m: Floats) -> Bools:
         """(S,) samples seen by the camera at ``position_m`` aimed at the target."""
         key = tuple(float(v) for v in np.round(position_m, 6))
-        if key not in self._seen:
-            self._seen[key] = self._visible_from(np.asarray(position_m, dtype=float))
-        return self._seen[key]
-
-    def _visible_from(self, position: Floats) -> Bools:
-        target_m = np.array(self.config.target_m)
-        inside: Bools = in_frustum(self.samples_m, position[None], target_m, self.config.camera)[:, 0]
-        if self.config.gate.oracle_coverage == "paper-code":
-            return inside
-        ask = np.flatnonzero(inside & (self.samples_m[:, 2] > GROUND_Z_M))
-        seen = np.zeros(len(self.samples_m), dtype=bool)
-        seen[ask] = seen_from(
-            position, self._starts_m[ask], self.normals[ask], self._caster, MATCHABLE_MAX_INCIDENCE_DEG
-        )
+        if (known := self._seen.get(key)) is not None:
+            return known
+        position, target_m = np.asarray(position_m, dtype=float), np.array(self.config.target_m)
+        seen: Bools = in_frustum(self.samples_m, position[None], target_m, self.config.camera)[:, 0]
+        if self.config.gate.oracle_coverage != "paper-code":
+            seen &= self.samples_m[:, 2] > GROUND_Z_M
+            ask = np.flatnonzero(seen)
+            seen[ask] = seen_from(
+                position, self._starts_m[ask], self.normals[ask], self._caster, MATCHABLE_MAX_INCIDENCE_DEG
+            )
+        self._seen[key] = seen
         return seen
 
     # -- what is covered

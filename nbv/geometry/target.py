@@ -68,7 +68,13 @@ def ground_plane(
     if near[best] == 0:
         return None
     inliers = points_m[np.abs(planes[best].signed_distance_m(points_m)) <= band_m]
-    refined = fitted_plane(inliers) if len(inliers) >= 3 else planes[best]
+    if len(inliers) < 3:
+        return planes[best]
+    # Total least squares.
+    center = inliers.mean(0)
+    normal = np.linalg.eigh(np.cov((inliers - center).T))[1][:, 0]
+    normal = normal if normal[2] >= 0 else -normal
+    refined = Plane(normal, float(normal @ center))
     return refined if is_ground(refined) else planes[best]
 
 
@@ -82,14 +88,6 @@ def drawn_planes(points_m: Floats, count: int, rng: np.random.Generator) -> list
     normals *= np.where(normals[:, 2] < 0, -1.0, 1.0)[:, None]
     offsets_m = (normals * triples[proper, 0]).sum(1)
     return [Plane(normal, float(offset_m)) for normal, offset_m in zip(normals, offsets_m)]
-
-
-def fitted_plane(points_m: Floats) -> Plane:
-    """The total-least-squares plane of three points (N, 3) or more."""
-    center = points_m.mean(0)
-    normal = np.linalg.eigh(np.cov((points_m - center).T))[1][:, 0]
-    normal = normal if normal[2] >= 0 else -normal
-    return Plane(normal, float(normal @ center))
 
 
 REACH_M = 4.0  # about the aim, horizontally: the seed orbit's radius

@@ -3,7 +3,6 @@
 from nbv.photographs.photograph_set import (
     HalvesAgreement,
     Photograph,
-    PhotographPlaces,
     PhotographSet,
     Reference,
     list_sets,
@@ -12,7 +11,6 @@ from nbv.photographs.photograph_set import (
 __all__ = [
     "HalvesAgreement",
     "Photograph",
-    "PhotographPlaces",
     "PhotographSet",
     "Reference",
     "list_sets",

@@ -101,7 +101,6 @@ class PhotographPlaces:
     names: tuple[str, ...]
     azimuths_deg: Floats  # counter-clockwise, 0 to 360
     elevations_deg: Floats
-    distances_m: Floats  # from the object's centre
 
 
 def gaps_deg(azimuths_deg: Floats) -> list[tuple[float, float]]:
@@ -160,7 +159,7 @@ class PhotographSet:
         offsets = np.array([p.camera_center_m for p in self.registered]) - self.target_m
         azimuths, elevations = azimuths_elevations_deg(offsets)
         names = tuple(p.name for p in self.registered)
-        return PhotographPlaces(names, azimuths, elevations, np.linalg.norm(offsets, axis=1))
+        return PhotographPlaces(names, azimuths, elevations)
 
     @property
     def target_m(self) -> tuple[float, float, float]:

@@ -138,7 +138,8 @@ def procedural_albedo(points: Floats, normals: Floats, seed: int, paint: Paint |
 
     settles = 0.9 * normals[:, 2] + 0.9 * gradient_noise(points, 0.45, seed * 17 + 9)
     threshold = 1.5 - 3.0 * paint.dust
-    cover = smooth_step((settles - threshold) / 0.35)
+    step = np.clip((settles - threshold) / 0.35, 0.0, 1.0)
+    cover = step * step * (3.0 - 2.0 * step)  # Hermite's
     contrast *= (1.0 - 0.85 * cover).astype(np.float32)
     grey = paint.grey * np.exp(np.float32(1.2) * contrast + np.float32(0.12) * cover)
 
@@ -243,9 +244,3 @@ def cells(points: Floats, size: float, seed: int) -> tuple[_U32, Floats32]:
                 label[closer] = h[closer]
     # Mixed once more: the low bits placed the grain and must not also decide what it looks like.
     return _hash(label, label, label, seed + 1), np.sqrt(best)
-
-
-def smooth_step(t: Floats) -> Floats:
-    """0 below 0, 1 above 1, smooth between (Hermite)."""
-    t = np.clip(t, 0.0, 1.0)
-    return t * t * (3.0 - 2.0 * t)

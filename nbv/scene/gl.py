@@ -32,10 +32,22 @@ class GLRenderer:
 
     def __init__(self, scene: Scene) -> None:
         camera = scene.camera
-        self._pyrender = pyrender = _import_pyrender()
+        os.environ.setdefault("PYOPENGL_PLATFORM", "egl")
+        try:
+            self._pyrender = pyrender = importlib.import_module("pyrender")
+        except Exception as error:  # PyOpenGL raises ImportError, AttributeError or OSError by platform
+            raise UserError(_no_gl(error)) from error
         sky = float(srgb_from_linear(np.array(scene.sky_radiance)))
         self._gl_scene = pyrender.Scene(bg_color=(sky, sky, sky, 0.0))
-        self._gl_scene.add(self._rock_mesh(scene))
+        colors = np.ones((len(scene.vertices_m), 4), dtype=np.float32)
+        colors[:, :3] = srgb_from_linear(scene.vertex_radiance)
+        rock = pyrender.Primitive(
+            positions=scene.vertices_m,
+            indices=scene.faces,
+            color_0=colors,
+            material=pyrender.MetallicRoughnessMaterial(doubleSided=True),
+        )
+        self._gl_scene.add(pyrender.Mesh([rock]))
         for level in range(scene.ground_spec.levels):
             self._gl_scene.add(self._ground_mesh(scene, level))
         vertices, faces = square_frame(scene.ground_spec.reach_m, HORIZON_M)
@@ -69,17 +81,6 @@ class GLRenderer:
         if self._offscreen is not None:
             self._offscreen.delete()
             self._offscreen = None
-
-    def _rock_mesh(self, scene: Scene) -> Any:
-        colors = np.ones((len(scene.vertices_m), 4), dtype=np.float32)
-        colors[:, :3] = srgb_from_linear(scene.vertex_radiance)
-        primitive = self._pyrender.Primitive(
-            positions=scene.vertices_m,
-            indices=scene.faces,
-            color_0=colors,
-            material=self._pyrender.MetallicRoughnessMaterial(doubleSided=True),
-        )
-        return self._pyrender.Mesh([primitive])
 
     def _ground_mesh(self, scene: Scene, level: int) -> Any:
         spec = scene.ground_spec
@@ -119,14 +120,6 @@ class GLRenderer:
             material=material,
         )
         return self._pyrender.Mesh([primitive])
-
-
-def _import_pyrender() -> Any:
-    os.environ.setdefault("PYOPENGL_PLATFORM", "egl")
-    try:
-        return importlib.import_module("pyrender")
-    except Exception as error:  # PyOpenGL raises ImportError, AttributeError or OSError by platform
-        raise UserError(_no_gl(error)) from error
 
 
 def _no_gl(error: Exception) -> str:

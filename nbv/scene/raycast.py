@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nbv.geometry.frames import intrinsic_matrix
-from nbv.geometry.mesh import RayCaster, RayHits
+from nbv.geometry.mesh import RayCaster
 from nbv.scene.bake import GROUND_TINT, Scene
 from nbv.scene.view import camera_position, grey_levels
 from nbv.types import Floats, Floats32
@@ -148,7 +148,11 @@ class RaycastRenderer:
         n = ROCK_SUBSAMPLES
         fine_rows = r0 + (np.arange((r1 - r0) * n) + 0.5) / n
         fine_columns = c0 + (np.arange((c1 - c0) * n) + 0.5) / n
-        hits = self._cast(rays, position, fine_columns, fine_rows)
+        bundle = np.empty((len(fine_rows), len(fine_columns), 6), dtype=np.float32)
+        bundle[..., :3] = position
+        for axis in range(3):
+            bundle[..., 3 + axis] = rays.component(axis, fine_columns, fine_rows)
+        hits = self._caster.cast(bundle)
         hit = hits.face < len(self._face_radiance)
         index = np.flatnonzero(hit)  # one index a ray: masks of two axes take longer
         corners = self._face_radiance.take(hits.face.take(index), axis=0)
@@ -166,20 +170,6 @@ class RaycastRenderer:
         patch = rgb[r0:r1, c0:c1]
         patch *= (1 - share * covered)[..., None]
         patch += share * total
-
-    def _cast(
-        self,
-        rays: _PixelRays,
-        position: Floats,
-        columns: NDArray[np.floating],
-        rows: NDArray[np.floating],
-    ) -> RayHits:
-        """What a grid of rays (rows, columns) meets of the rock; ``t`` is the depth."""
-        bundle = np.empty((len(rows), len(columns), 6), dtype=np.float32)
-        bundle[..., :3] = position
-        for axis in range(3):
-            bundle[..., 3 + axis] = rays.component(axis, columns, rows)
-        return self._caster.cast(bundle)
 
 
 class _PixelRays:

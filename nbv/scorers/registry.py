@@ -70,7 +70,12 @@ def geometry_gain(candidates_m: Floats, box: SparseModel, config: BAwareConfig) 
     one = np.ones((1, len(candidates_m)))
     minus_c = np.concatenate([-candidates_m.T, one])
     for_distance = np.concatenate([-2.0 * candidates_m.T, one, (candidates_m**2).sum(axis=1)[None]])
-    lengths, rays = box.track_lengths, _unit_rays(box)
+    lengths = box.track_lengths
+    # (T, 4) every observation's ray from camera to point, a unit vector, and its dot product with the point.
+    seen_m = box.points_m.repeat(lengths, axis=0)
+    ray = seen_m - box.camera_centers_m[box.track_cameras]
+    ray /= np.sqrt(np.einsum("ij,ij->i", ray, ray))[:, None]
+    rays = np.column_stack([ray, np.einsum("ij,ij->i", ray, seen_m)])
     longest_first = np.argsort(-lengths, kind="stable")
     gain = np.empty((len(lengths), len(candidates_m)))
     for start in range(0, len(lengths), BLOCK):
@@ -89,14 +94,6 @@ def geometry_gain(candidates_m: Floats, box: SparseModel, config: BAwareConfig) 
         np.clip(nearest, np.cos(high), np.cos(low), out=nearest)
         gain[rows] = (np.arccos(nearest, out=nearest) - low) / (high - low)
     return np.clip(gain, 0.0, 1.0, out=gain)
-
-
-def _unit_rays(box: SparseModel) -> Floats:
-    """(T, 4) every observation's ray from camera to point, a unit vector, and its dot product with the point."""
-    points_m = box.points_m.repeat(box.track_lengths, axis=0)
-    ray = points_m - box.camera_centers_m[box.track_cameras]
-    ray /= np.sqrt(np.einsum("ij,ij->i", ray, ray))[:, None]
-    return np.column_stack([ray, np.einsum("ij,ij->i", ray, points_m)])
 
 
 def repair_share(terms: SharedTerms, pool: CandidatePool, config: MissionConfig) -> Floats:

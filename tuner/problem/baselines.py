@@ -23,7 +23,6 @@ class Baseline:
 
     name: str
     label: str
-    description: str = ""  # what the label does not say
     values: dict[str, Any] = field(default_factory=dict)  # further parameters of the strategy
     plans: bool = True  # False: all photographs are seeds on a plain orbit, and no view is planned
     recentred: bool = False  # of an orbit: its first half locates the target, its second half is moved there
@@ -68,14 +67,14 @@ _GROUPS = {
 WITHOUT = "-without-"  # of a tuned configuration a group of parameters: the name of an ablation
 
 
-def group_of(path: str) -> str:
-    return next((name for name, begins in _GROUPS.items() if path.startswith(begins)), OTHER)
-
-
 def grouped(paths: Collection[str]) -> dict[str, tuple[str, ...]]:
     """Return the paths by group, in the order of the groups, without empty ones."""
-    groups = {name: tuple(path for path in paths if group_of(path) == name) for name in (*_GROUPS, OTHER)}
-    return {name: members for name, members in groups.items() if members}
+    groups: dict[str, list[str]] = {name: [] for name in (*_GROUPS, OTHER)}
+    for path in paths:
+        groups[next((name for name, begins in _GROUPS.items() if path.startswith(begins)), OTHER)].append(
+            path
+        )
+    return {name: tuple(members) for name, members in groups.items() if members}
 
 
 # Of the splits over 10 and 35 degrees these two were best on rocks that no other choice was made on.
@@ -106,50 +105,27 @@ def _registering(sparse: SparseConfig, seeds: int) -> dict[str, int]:
 BASELINES: dict[str, Baseline] = {
     b.name: b
     for b in (
-        Baseline("covis", "Covis", "co-visibility scorer alone (Eq. 5)"),
-        Baseline("b-aware", "B-aware", "baseline-aware repair scorer alone (Eq. 6 to 8)"),
-        Baseline("hyb-h", "Hyb-H", "heuristic gate at the paper's thresholds (Eq. 9)"),
-        Baseline("hyb-o", "Hyb-O", "oracle gate, by the true surface"),
-        Baseline("random", "Random views", "a feasible candidate at random"),
-        Baseline("movement-only", "Movement only", "the feasible candidate nearest to the vehicle"),
-        # The ceiling needs the reward that the dense stage pays back: docs/results/index.md.
+        Baseline("covis", "Covis"),  # co-visibility scorer alone (Eq. 5)
+        Baseline("b-aware", "B-aware"),  # baseline-aware repair scorer alone (Eq. 6 to 8)
+        Baseline("hyb-h", "Hyb-H"),  # heuristic gate at the paper's thresholds (Eq. 9)
+        Baseline("hyb-o", "Hyb-O"),  # oracle gate, by the true surface
+        Baseline("random", "Random views"),  # a feasible candidate at random
+        Baseline("movement-only", "Movement only"),  # the feasible candidate nearest to the vehicle
+        # The best single view by the true surface. The ceiling needs the reward that the dense stage pays back: docs/results/index.md.
+        Baseline("greedy-oracle", "Greedy oracle", {"gate.oracle_coverage": "matchable"}),
+        # The scorer alone: how much the predicted completeness would rise.
         Baseline(
-            "greedy-oracle",
-            "Greedy oracle",
-            "the best single view by the true surface",
-            values={"gate.oracle_coverage": "matchable"},
+            "predicted", "Predicted", {f"predicted.weights.{term}": 0.0 for term in ("nov", "move", "ang")}
         ),
+        Baseline("orbit-middle", "Orbit at 15°", MIDDLE_RING, plans=False),
+        Baseline("orbit", "Orbit at 10°", ONE_RING, plans=False),
+        Baseline("orbit-high", "Orbit at 20°", HIGH_RING, plans=False),
         Baseline(
-            "predicted",
-            "Predicted",
-            "scorer predicted alone: how much the predicted completeness would rise",
-            values={f"predicted.weights.{term}": 0.0 for term in ("nov", "move", "ang")},
-        ),
-        Baseline("orbit-middle", "Orbit at 15°", values=MIDDLE_RING, plans=False),
-        Baseline("orbit", "Orbit at 10°", values=ONE_RING, plans=False),
-        Baseline("orbit-high", "Orbit at 20°", values=HIGH_RING, plans=False),
+            "orbit-two", "Orbit, two rings", TWO_RINGS, plans=False
+        ),  # 62 % of it at 10° and the rest at 35°
+        Baseline("orbit-recentred", "Orbit, re-centred", ONE_RING, plans=False, recentred=True),
         Baseline(
-            "orbit-two",
-            "Orbit, two rings",
-            "a plain orbit, 62 % of it at 10° and the rest at 35°",
-            values=TWO_RINGS,
-            plans=False,
-        ),
-        Baseline(
-            "orbit-recentred",
-            "Orbit, re-centred",
-            "a plain orbit at 10°; its second half is moved to the target that the first has located",
-            values=ONE_RING,
-            plans=False,
-            recentred=True,
-        ),
-        Baseline(
-            "orbit-two-recentred",
-            "Orbit, two rings, re-centred",
-            "the orbit of two rings; its second half is moved to the target that the first has located",
-            values=TWO_RINGS,
-            plans=False,
-            recentred=True,
+            "orbit-two-recentred", "Orbit, two rings, re-centred", TWO_RINGS, plans=False, recentred=True
         ),
     )
 }
@@ -171,15 +147,13 @@ SIMPLEST_FIRST = (
     *("random", "default", "hyb-h", "covis", "b-aware", "movement-only", "predicted"),
 )
 PAPER, TUNED_KIND, CONTROLS, ORACLES = KINDS = ("the paper's", "tuned", "controls", "oracles")
-# Labels and descriptions of all strategies, in the order of tables.
-_SHOWN: dict[str, tuple[str, str]] = {b.name: (b.label, b.description) for b in BASELINES.values()} | {
-    TUNED_GATE: (
-        "Tuned gate",
-        "thresholds, weights and repairing scorer tuned; seeds as in the paper",
-    ),
-    TUNED_PLANNER: ("Tuned planner", "seeds and pool tuned besides, at least three views planned"),
-    TUNED: ("Tuned", "the recommended configuration"),
-    "default": ("Default", "the campaign's configuration with nothing tuned"),
+# Labels of all strategies, in the order of tables.
+_LABELS = {
+    **{b.name: b.label for b in BASELINES.values()},
+    TUNED_GATE: "Tuned gate",  # thresholds, weights and repairing scorer tuned; seeds as in the paper
+    TUNED_PLANNER: "Tuned planner",  # seeds and pool tuned besides, at least three views planned
+    TUNED: "Tuned",
+    "default": "Default",  # the campaign's configuration with nothing tuned
 }
 # What a campaign ends in, beside its tuned configurations. In the order in which they are run: those that often choose the same
 # views lie apart, so that the later finds all it needs.
@@ -202,7 +176,7 @@ PLAN = (
 def baseline(name: str, also: Sequence[str] = ()) -> Baseline:
     """The baseline called ``name``; `UserError` where there is none, which lists those that there are ``also``."""
     if name not in BASELINES and name in gate_kinds():
-        return Baseline(name, name, "a plug-in's planner")
+        return Baseline(name, name)  # a plug-in's planner
     if name not in BASELINES:
         known = (*BASELINES, *also)
         close = difflib.get_close_matches(name, known, n=1)
@@ -337,7 +311,7 @@ def kind_of(strategy: str) -> str:
 
 def in_table_order(strategies: Iterable[str]) -> list[str]:
     """The strategies as tables list them: kind by kind, in the order of this file."""
-    known = list(_SHOWN)
+    known = list(_LABELS)
 
     def place(name: str) -> tuple[int, int]:
         base = _split(name)[0]
@@ -349,14 +323,10 @@ def in_table_order(strategies: Iterable[str]) -> list[str]:
 def label(strategy: str) -> str:
     name, number = _split(strategy)
     tuned, without, group = name.partition(WITHOUT)
-    shown, _ = _SHOWN.get(tuned, (tuned, ""))
+    shown = _LABELS.get(tuned, tuned)
     if without:
         return f"{shown}, {group} as in the paper"
     return f"{shown}, {number}" if number else shown
-
-
-def description(strategy: str) -> str:
-    return _SHOWN.get(_split(strategy)[0], ("", ""))[1]
 
 
 def sees_ground_truth(strategy: str) -> bool:

@@ -6,7 +6,7 @@ import pytest
 from scene_helpers import around
 
 from nbv.config import CameraConfig, DenseConfig
-from nbv.dense import fusion
+from nbv.dense import reconstruct
 from nbv.dense.reconstruct import fuse
 from nbv.dense.stereo import (
     SEARCH_MARGIN_M,
@@ -263,7 +263,7 @@ def test_the_cloud_is_the_mean_of_each_voxels_members(views):
 @pytest.mark.parametrize("slab_points", [1, 50, 333, 2000])
 def test_slabs_do_not_change_a_bit(views, monkeypatch, slab_points):
     whole = fused(*views)
-    monkeypatch.setattr(fusion, "SLAB_POINTS", slab_points)
+    monkeypatch.setattr(reconstruct, "SLAB_POINTS", slab_points)
     slabs = fused(*views)
     for part in ("points_m", "normals", "colors"):
         np.testing.assert_array_equal(getattr(whole, part), getattr(slabs, part))
