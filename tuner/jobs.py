@@ -146,7 +146,7 @@ def evaluate(
         conditions=load_conditions(conditions) if conditions else None,
         fidelity=fidelity,
     )
-    with comparison.executor(workers, timeout_s) as executor:
+    with local_pool(fidelity, workers, timeout_s) as executor:
         evaluated = comparison.run(executor, on_event, out=None if directory is None else Path(directory))
     _write_answer(campaign)
     return evaluated
@@ -180,5 +180,5 @@ def reproduce(
     """
     base = preset(preset_name).with_values(overrides or {})
     comparison = reproduction(base, rocks, strategies=strategies, replicates=replicates, fidelity=fidelity)
-    with comparison.executor(workers, timeout_s) as executor:
+    with local_pool(fidelity, workers, timeout_s) as executor:
         return comparison.run(executor, out=Path(directory))

@@ -17,6 +17,7 @@ from nbv.config import MissionConfig
 from nbv.safe_files import json_ready, write_atomic
 from tuner.answer.evidence import ROCKS, SHAPES_WORD, Evidence, GateFacts, evidence_of, gate_facts
 from tuner.campaign.campaign import Campaign
+from tuner.comparison.statistics import same_photographs
 from tuner.missions.job import repeated
 from tuner.problem.baselines import (
     ANSWERS,
@@ -173,7 +174,7 @@ def table_of(evidence: Evidence, held_out: bool, reference: str, number: int) ->
     """Return the strategies on the targets of ``evidence``; ablations stand in the table of what earned the gain."""
     flown = {r.strategy for r in evidence.records}
     names = in_table_order(name for name in evidence.configs if name in flown and not is_ablation(name))
-    twins = evidence.same_photographs()
+    twins = same_photographs(evidence.records, list(evidence.configs))
     kinds = [kind for kind in (ROCKS, SHAPES_WORD) if evidence.of_kind(kind).records]
     of_kind = {kind: evidence.of_kind(kind) for kind in kinds} if len(kinds) > 1 else {}
     plain = best_plain(evidence, plain_plans(evidence, number))

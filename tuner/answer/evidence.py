@@ -21,7 +21,7 @@ from nbv.rocks.families import SHAPES, generated_name
 from tuner.campaign.campaign import Campaign
 from tuner.comparison.of_campaign import CONFIRMATION, EVALUATION
 from tuner.comparison.plan import PLAN_FILE, EvaluationPlan
-from tuner.comparison.statistics import over_rocks, same_photographs, strategy_gain, values_of
+from tuner.comparison.statistics import over_rocks, strategy_gain, values_of
 from tuner.missions.job import Trial
 from tuner.missions.registry import DEFAULT_FIDELITY
 from tuner.problem.baselines import ANSWERS, ablations, is_ablation, scorer_alone
@@ -84,10 +84,6 @@ class Evidence:
         ]
         return sum(failed[0][block] - failed[1][block] for block in failed[0].keys() & failed[1].keys())
 
-    def same_photographs(self) -> dict[str, str]:
-        """Return the strategies whose missions all took the photographs of an earlier strategy's, with that strategy."""
-        return same_photographs(self.records, list(self.configs))
-
 
 def evidence_of(campaign: Campaign, found: Mapping[str, Recommendation]) -> Evidence:
     """Return everything that was flown of the present recommendations ``found`` and of what stands beside them.
@@ -112,8 +108,17 @@ def evidence_of(campaign: Campaign, found: Mapping[str, Recommendation]) -> Evid
             for r in plan.records(directory)
             if r.strategy in names and r.condition in under
         ]
-    records = by_fidelity[True] or by_fidelity[False]
-    return Evidence(configs, _once(records, configs), frozenset(campaign.rocks_seen()), s.goal.shown)
+    # Each mission once under every strategy that flies it.
+    flies: dict[str, list[str]] = collections.defaultdict(list)
+    keys = {name: mission_key(config) for name, config in configs.items()}
+    for name, key in keys.items():
+        flies[key].append(name)
+    every = {
+        (name, r.rock, r.condition, r.replicate): dataclasses.replace(r, strategy=name)
+        for r in by_fidelity[True] or by_fidelity[False]
+        for name in flies[keys[r.strategy]]
+    }
+    return Evidence(configs, list(every.values()), frozenset(campaign.rocks_seen()), s.goal.shown)
 
 
 def _name_by_mission(configs: Mapping[str, MissionConfig]) -> dict[str, str]:
@@ -156,20 +161,6 @@ def _names_in(plan: EvaluationPlan, configs: Mapping[str, MissionConfig]) -> dic
         elif name not in ANSWERS and not is_ablation(name) and name not in configs:
             names[name] = name
     return names
-
-
-def _once(records: Sequence[Trial], configs: Mapping[str, MissionConfig]) -> list[Trial]:
-    """Return each mission once under every strategy that flies it."""
-    flies: dict[str, list[str]] = collections.defaultdict(list)
-    keys = {name: mission_key(config) for name, config in configs.items()}
-    for name, key in keys.items():
-        flies[key].append(name)
-    every = {
-        (name, r.rock, r.condition, r.replicate): dataclasses.replace(r, strategy=name)
-        for r in records
-        for name in flies[keys[r.strategy]]
-    }
-    return list(every.values())
 
 
 # What the gate of a tuned configuration did, from the traces of its missions.

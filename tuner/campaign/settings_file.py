@@ -46,7 +46,13 @@ def settings_from_dict(tree: Any, source: str) -> CampaignSettings:
 
     Raises `UserError`: a setting that there is not, one of the wrong kind, or settings that make no campaign.
     """
-    full = _with_objectives_expanded(_checked(tree, source))
+    full = _checked(tree, source)
+    for key in ("second", "objective"):
+        if isinstance(full.get(key), str):  # ``f_score@photographs<=21`` stands for three settings
+            goal = parse_goal(full[key])
+            full[key] = SETTINGS[key].to_yaml(goal.objective)
+            if goal.second is not None:
+                full |= {"second": SETTINGS["second"].to_yaml(goal.second), "limit": goal.limit}
     # Null is as if it were left out.
     given = {name: SETTINGS[name].from_yaml(raw, source) for name, raw in full.items() if raw is not None}
     return CampaignSettings(**given)
@@ -64,18 +70,6 @@ def _checked(tree: Any, source: str) -> dict[str, Any]:
     return values
 
 
-def _with_objectives_expanded(tree: Mapping[str, Any]) -> dict[str, Any]:
-    """Return ``tree`` with objectives written out: the text ``f_score@photographs<=21`` stands for three settings."""
-    full = dict(tree)
-    for key in ("second", "objective"):
-        if isinstance(tree.get(key), str):
-            goal = parse_goal(tree[key])
-            full[key] = SETTINGS[key].to_yaml(goal.objective)
-            if goal.second is not None:
-                full |= {"second": SETTINGS["second"].to_yaml(goal.second), "limit": goal.limit}
-    return full
-
-
 def read_settings_file(path: Path) -> dict[str, Any]:
     """Return the settings in a user's file, whose relative paths are taken from its folder, or in a ``campaign.yaml``.
 
@@ -85,15 +79,11 @@ def read_settings_file(path: Path) -> dict[str, Any]:
     if isinstance(tree, Mapping) and "format" in tree:
         _check_format(tree, path)
         return _checked(tree.get("settings") or {}, str(path))
-    return _with_paths_from(_checked(tree or {}, str(path)), path.parent)
+    fields = _checked(tree or {}, str(path))
 
-
-def _with_paths_from(fields: dict[str, Any], folder: Path) -> dict[str, Any]:
-    """Return ``fields`` with paths as they are from here; what has neither a slash nor a suffix is a name."""
-
-    def placed(text: Any) -> Any:
+    def placed(text: Any) -> Any:  # what has neither a slash nor a suffix is a name
         is_path = isinstance(text, str) and (os.sep in text or Path(text).suffix) and not text.startswith("~")
-        return str(folder / text) if is_path else text
+        return str(path.parent / text) if is_path else text
 
     for key, value in fields.items():
         if value is not None and SETTINGS[key].has_paths:

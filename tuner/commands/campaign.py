@@ -273,12 +273,21 @@ def run_and_report(
             if settings.compare_on and summary.found:
                 output.print(f"preparing the comparison, {LOADING_ROCKS}")
 
+        def compared(planned: PlannedComparison) -> None:  # what has run is not run again
+            plan = planned.plan
+            output.print(
+                f"comparison on {', '.join(plan.rocks)}: {len(plan.strategies)} strategies, {plan.missions} missions"
+            )
+            where = shlex.quote(str(campaign.directory))
+            evaluated = run_with_progress(planned, executor)
+            require_complete(evaluated, f"resume with: gatetune campaign resume {where}")
+
         summary = run_to_end(
             campaign,
             executor,
             (lambda event: typer.echo(event_line(event))) if output.quiet else progress,
             searched=searched,
-            compare=lambda planned: run_planned(campaign, planned, executor),
+            compare=compared,
             accept_changes=accept_changes,
         )
         answer = show_answer(campaign)
@@ -288,18 +297,6 @@ def run_and_report(
             write_pages(campaign, answer, executor if show_pair and summary.stopped == "budget" else None)
     if summary.stopped == "failing" or not summary.status.complete:
         raise typer.Exit(1)
-
-
-def run_planned(campaign: Campaign, planned: PlannedComparison, executor: pool.Executor) -> None:
-    """Run the tuned configurations, the paper's strategies and the controls on held-out targets; what has run is not run again."""
-    plan = planned.plan
-    output.print(
-        f"comparison on {', '.join(plan.rocks)}: {len(plan.strategies)} strategies, {plan.missions} missions"
-    )
-    evaluated = run_with_progress(planned, executor)
-    require_complete(
-        evaluated, f"resume with: gatetune campaign resume {shlex.quote(str(campaign.directory))}"
-    )
 
 
 def write_pages(campaign: Campaign, answer: Answer, pair: pool.Executor | None) -> None:

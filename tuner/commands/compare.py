@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from nbv.config import IDEAL, IDEAL_CONDITION, Condition, MissionConfig, load_condition
+from nbv.config import IDEAL, IDEAL_CONDITION, MissionConfig, load_condition
 from nbv.errors import UserError
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.mission_problem import rock_arguments
@@ -99,7 +99,8 @@ def compare(
 
     names = list(dict.fromkeys(strategies or DEFAULT))
     chosen: dict[str, MissionConfig | None] = dict.fromkeys(names)
-    under = tuple(map(_condition, conditions or [IDEAL]))
+    # The ideal one without its file's description.
+    under = tuple(IDEAL_CONDITION if c == IDEAL else load_condition(c) for c in conditions or [IDEAL])
     if rocks:
         with working(LOADING_ROCKS):
             named = rock_arguments(rocks)
@@ -156,10 +157,6 @@ def compare(
         output.print(f"counted with a score of 0: {line}", style="red", highlight=False)
     output.print(f"report: {out / 'report.html'}")
     answer_json(document)
-
-
-def _condition(name: str) -> Condition:
-    return IDEAL_CONDITION if name == IDEAL else load_condition(name)  # without its file's description
 
 
 def _numbers(text: str) -> tuple[int, ...]:

@@ -38,7 +38,7 @@ from tuner.commands.options import (
 )
 from tuner.comparison.of_campaign import PlannedComparison, confirmation, held_out, reproduction
 from tuner.comparison.plan import EvaluationRun
-from tuner.missions.pool import Executor
+from tuner.missions.pool import Executor, local_pool
 from tuner.missions.registry import DEFAULT_FIDELITY, kind_on, mission_kind
 from tuner.report.labels import counted, duration
 
@@ -157,7 +157,7 @@ def run_and_report(
     from tuner.report.campaign_page import write_campaign_report
 
     plan, source = planned.plan, planned.source
-    executor = planned.executor(workers, timeout_s)
+    executor = local_pool(plan.fidelity, workers, timeout_s)
     taken = [rock for rock in plan.rocks if kind_on(rock, plan.fidelity).photographs == "taken"]
     not_counted = planned.not_counted(out)
     notes = (

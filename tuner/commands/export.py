@@ -81,8 +81,13 @@ def export(
     campaign = Campaign.open(run, read_only=True)
     campaign.recommended()  # says where there is none
     answer = answer_of(campaign)
-    if to is not None:
-        _require_limit_kept(answer, anyway)
+    limit = list(answer.recommended.values())[-1].limit
+    if to is not None and limit is not None and not limit.satisfied and not anyway:
+        sign = "<=" if limit.direction == "minimise" else ">="
+        raise UserError(
+            f"no configuration that was run is likely to meet {limit.metric} {sign} {limit.limit:g}; the nearest "
+            f"misses it by {limit.missed_by:.3g} (mean {limit.mean:.4g}): allow more, or export it with --anyway"
+        )
     exported = _exported(campaign, answer, strategy)
     if answer.fly is not None and exported.strategy == answer.fly.strategy:
         for line in sentences(answer):
@@ -115,16 +120,6 @@ def export(
         raise UserError(f"{file.remarks[0]}; gatetune.yaml has all: --to gatetune.yaml")
     lines = [f"it carries {file.share}", *(f"does not transfer: {text}" for text in file.remarks)]
     _wrote(_write(out or run / file.name, file.text), lines, carried=file.carried, lost=file.lost)
-
-
-def _require_limit_kept(answer: Answer, anyway: bool) -> None:
-    best = list(answer.recommended.values())[-1]
-    if best.limit is not None and not best.limit.satisfied and not anyway:
-        sign = "<=" if best.limit.direction == "minimise" else ">="
-        raise UserError(
-            f"no configuration that was run is likely to meet {best.limit.metric} {sign} {best.limit.limit:g}; the nearest "
-            f"misses it by {best.limit.missed_by:.3g} (mean {best.limit.mean:.4g}): allow more, or export it with --anyway"
-        )
 
 
 def _say(line: str) -> None:

@@ -93,9 +93,12 @@ def _parameter(setting: Declaration) -> inspect.Parameter:
     """Return the parameter of which typer makes a setting's option; None where the user does not give it."""
     kind = unbounded(setting.kind)
     several = typing.get_origin(kind) in (tuple, dict)
+    # ``Training rocks, names or mesh files; repeatable (default: the procedural ones).``
+    default = f" (default: {setting.default_text})" if setting.default_text else ""
+    text = f"{setting.text[0].upper()}{setting.text[1:]}{'; repeatable' if several else ''}{default}."
     option = typer.Option(
         setting.option,
-        help=help_text(setting, several),
+        help=text,
         rich_help_panel=setting.panel,
         metavar="PATH=VALUE" if typing.get_origin(kind) is dict else None,
     )
@@ -104,9 +107,3 @@ def _parameter(setting: Declaration) -> inspect.Parameter:
     return inspect.Parameter(
         setting.path, inspect.Parameter.POSITIONAL_OR_KEYWORD, default=None, annotation=annotation
     )
-
-
-def help_text(setting: Declaration, several: bool) -> str:
-    """``Training rocks, names or mesh files; repeatable (default: the procedural ones).``."""
-    default = f" (default: {setting.default_text})" if setting.default_text else ""
-    return f"{setting.text[0].upper()}{setting.text[1:]}{'; repeatable' if several else ''}{default}."

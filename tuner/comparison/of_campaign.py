@@ -22,7 +22,7 @@ from tuner.comparison.plan import (
     evaluation_directory,
     run_evaluation,
 )
-from tuner.missions.pool import Executor, MissionPool, local_pool
+from tuner.missions.pool import Executor
 from tuner.missions.registry import DEFAULT_FIDELITY, mission_kind
 from tuner.problem.baselines import (
     ANSWERS,
@@ -51,10 +51,6 @@ class PlannedComparison:
     notes: tuple[str, ...] = ()  # what a reader must know before the outcome
     goal: Goal = TABLE_I
     source: Campaign | None = None  # None: the paper's Table I
-
-    def executor(self, workers: int | None, timeout_s: float) -> MissionPool:
-        """Return processes of this machine for its missions."""
-        return local_pool(self.plan.fidelity, workers, timeout_s)
 
     def not_counted(self, out: Path | None) -> str:
         """Return why what runs in ``out`` (None: in ``usual``) adds nothing to its campaign's answer; empty where it does."""

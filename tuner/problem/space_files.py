@@ -11,7 +11,7 @@ from nbv.config import MissionConfig, parameter, shipped_files
 from nbv.config.declaration import value_of
 from nbv.errors import UserError
 from nbv.safe_files import is_file, read_yaml, require
-from tuner.problem.search_space import Kind, Parameter, Scale, SearchSpace, Value
+from tuner.problem.search_space import Kind, Parameter, Scale, SearchSpace
 
 MAX_PARAMETERS = 100
 MAX_CHOICES = 50
@@ -102,8 +102,17 @@ def _parameter(path: str, spec: Any, where: str) -> Parameter:
             raise UserError(f"{where}: {key!r} does not belong to kind {kind}")
     also = value_of(tuple[str, ...], spec.get("also", []), f"{where}: also")
     if kind == "categorical":
-        choices = _choices(spec.get("choices"), where)
-        return Parameter(path, kind, choices=choices, default=spec.get("default"), also=also)
+        raw = spec.get("choices")
+        if not isinstance(raw, list) or len(raw) < 2:
+            raise UserError(f"{where}: 'choices' must list at least two values")
+        require(len(raw), MAX_CHOICES, f"{where}: the number of choices")
+        if any(not isinstance(choice, (str, int, float, bool)) for choice in raw):
+            raise UserError(f"{where}: each choice must be a string, a number or a boolean")
+        for one, other in itertools.combinations(raw, 2):
+            if one == other or str(one) == str(other):  # a model would learn each by itself
+                same = "is given twice" if repr(one) == repr(other) else f"and {other!r} are one value"
+                raise UserError(f"{where}: among the choices {one!r} {same}; list each value once")
+        return Parameter(path, kind, choices=tuple(raw), default=spec.get("default"), also=also)
     number = int if kind == "int" else float
     for key in ("low", "high"):
         if spec.get(key) is None:
@@ -115,16 +124,3 @@ def _parameter(path: str, spec: Any, where: str) -> Parameter:
     if scale == "log" and low <= 0:
         raise UserError(f"{where}: scale log needs low above 0, not {low:g}; raise low or use scale linear")
     return Parameter(path, kind, low, high, scale, (), spec.get("default"), also)
-
-
-def _choices(raw: Any, where: str) -> tuple[Value, ...]:
-    if not isinstance(raw, list) or len(raw) < 2:
-        raise UserError(f"{where}: 'choices' must list at least two values")
-    require(len(raw), MAX_CHOICES, f"{where}: the number of choices")
-    if any(not isinstance(choice, (str, int, float, bool)) for choice in raw):
-        raise UserError(f"{where}: each choice must be a string, a number or a boolean")
-    for one, other in itertools.combinations(raw, 2):
-        if one == other or str(one) == str(other):  # a model would learn each by itself
-            same = "is given twice" if repr(one) == repr(other) else f"and {other!r} are one value"
-            raise UserError(f"{where}: among the choices {one!r} {same}; list each value once")
-    return tuple(raw)

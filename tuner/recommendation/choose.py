@@ -66,20 +66,6 @@ def recommend(
     return {each.name: each for each in found if each is not None}
 
 
-def constraint_of(
-    problem: Problem, goal: Goal, history: Sequence[Observation], shown: InstanceMeanGP
-) -> Constraint | None:
-    """Return the limit with the model of the limited metric; None without a limit, or without a mission that has both outcomes.
-
-    ``shown``: the model of `Goal.shown`.
-    """
-    both = [o for o in history if o.outcome is not None and o.second is not None]
-    if goal.second is None or goal.at_least is None or not both:
-        return None
-    limited = shown if goal.shown is goal.second else second_model(problem, both)
-    return Constraint(limited, goal.at_least)
-
-
 @dataclass(frozen=True)
 class Candidate:
     """A configuration that has run."""
@@ -118,11 +104,23 @@ class Choice:
         self.model = self.shown  # of the objective
         if goal.shown is not goal.objective:
             self.model = InstanceMeanGP(problem.space, history, problem.instances)
-        self.constraint = constraint_of(problem, goal, history, self.shown)
+        # The limit with the model of the limited metric, where there is a mission that has both outcomes.
+        both = [o for o in history if o.outcome is not None and o.second is not None]
+        self.constraint: Constraint | None = None
+        if goal.second is not None and goal.at_least is not None and both:
+            limited = self.shown if goal.shown is goal.second else second_model(problem, both)
+            self.constraint = Constraint(limited, goal.at_least)
         self.failures = sum(not o.feasible for o in observations)
         self.candidates = self._all_candidates(history, only_verified=only_verified)
         if len(self.candidates) > JOINT:
-            self.candidates = self._most_promising()
+            # The best eligible ones by posterior mean, few enough for a joint posterior, and the default.
+            best_first = self.model.best_first([candidate.values for candidate in self.candidates])
+            few = max(TOP, JOINT // len(self.model.instances))
+            default = configuration_key(problem.space, problem.default)
+            keys = [configuration_key(problem.space, candidate.values) for candidate in self.candidates]
+            kept = [i for i in best_first if self.candidates[i].eligible][:few]
+            kept += [i for i, key in enumerate(keys) if key == default]
+            self.candidates = [self.candidates[i] for i in dict.fromkeys(kept)]
         # In the candidates' order, and the default behind them.
         values = [*(candidate.values for candidate in self.candidates), problem.default]
         self.posterior = self._counts() or self.model.posterior(values)
@@ -176,16 +174,6 @@ class Choice:
             for i, (value, ran, meets) in enumerate(zip(values, missions, satisfied))
         ]
 
-    def _most_promising(self) -> list[Candidate]:
-        """Return the best eligible ones by posterior mean, few enough for a joint posterior, and the default."""
-        candidates, space = self.candidates, self.problem.space
-        best_first = self.model.best_first([candidate.values for candidate in candidates])
-        few = max(TOP, JOINT // len(self.model.instances))
-        default = configuration_key(space, self.problem.default)
-        best = [i for i in best_first if candidates[i].eligible][:few]
-        best += [i for i, c in enumerate(candidates) if configuration_key(space, c.values) == default]
-        return [candidates[i] for i in dict.fromkeys(best)]
-
     def plausible(self, outcome: float) -> float:
         """Return an outcome clipped to the range of the measured ones, outliers winsorised."""
         if self.goal.objective.metric in COUNTS:
@@ -234,6 +222,10 @@ class Choice:
         sign = goal.objective.sign
         mean, sd = sign * self.plausible(posterior.mean[index]), float(posterior.sd[index])
         gain, gain_sd = posterior.difference(index, len(self.candidates))
+        # The missions left out, and those whose outcomes count as other numbers than measured.
+        shown_sign, told = goal.shown.sign, zip(self.shown.observations, self.shown.winsorised)
+        moved = ((o, shown_sign * y) for o, y in told if o.outcome != y)
+        counts_as = [*((o, None) for o in self.outliers), *moved]
         return Recommendation(
             name=region.name,
             values=self.candidates[index].values,
@@ -253,7 +245,7 @@ class Choice:
             direction=goal.objective.direction,
             leave_one_out=self.shown.leave_one_out(),
             limit=self._limit(index),
-            outliers=self._outliers(),
+            outliers=tuple(Outlier(o.number, shown_sign * (o.outcome or 0.0), y) for o, y in counts_as),
         )
 
     def _limit(self, index: int) -> Limit | None:
@@ -277,13 +269,6 @@ class Choice:
             default_probability=float(of_default),
             default_mean=default_mean,
         )
-
-    def _outliers(self) -> tuple[Outlier, ...]:
-        """Return the missions left out, and those whose outcomes count as other numbers than measured."""
-        sign, model = self.goal.shown.sign, self.shown
-        moved = [(o, y) for o, y in zip(model.observations, model.winsorised) if o.outcome != y]
-        counts_as = [*((o, None) for o in self.outliers), *((o, sign * y) for o, y in moved)]
-        return tuple(Outlier(o.number, sign * (o.outcome or 0.0), y) for o, y in counts_as)
 
 
 def without_outliers(

@@ -7,7 +7,7 @@ import functools
 import io
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import matplotlib
 import numpy as np
@@ -71,13 +71,12 @@ _RC = {
 look = functools.partial(matplotlib.rc_context, _RC)
 
 
-def embed(figure: Figure, form: Literal["svg", "png"] = "svg") -> str:
+def embed(figure: Figure) -> str:
     """A figure as a data URI: each SVG is an image of its own, so that identifiers of two cannot clash in one page."""
     buffer = io.BytesIO()
     with look():
-        figure.savefig(buffer, format=form, dpi=160, metadata={"Date": None} if form == "svg" else None)
-    kind = "image/svg+xml" if form == "svg" else "image/png"
-    return f"data:{kind};base64,{base64.b64encode(buffer.getvalue()).decode()}"
+        figure.savefig(buffer, format="svg", dpi=160, metadata={"Date": None})
+    return f"data:image/svg+xml;base64,{base64.b64encode(buffer.getvalue()).decode()}"
 
 
 def save_figure(figure: Figure, directory: Path, name: str) -> Path:

@@ -150,7 +150,11 @@ def _mission_data(run: Path, rock: str | None) -> dict[str, Any]:
         )
         step = _step(label, taken, now["t"], len(models) - 1, facts)
         steps.append({**step, "pool": np.round(pool.positions_m, 3).tolist()})
-    final, dense = _final_model(run), _measured_cloud(run)
+    final, dense = _final_model(run), None
+    # The cloud that was measured.
+    if (file := next((run / name for name in (CLEANED, DENSE) if (run / name).is_file()), None)) is not None:
+        points_m = read_ply(file)[0].points_m
+        dense = points_m[thin_indices(len(points_m), _MOST_DENSE_POINTS)] if len(points_m) else None
     if final is not None:
         sparse, axes = final
         models.append(space.cloud(sparse))
@@ -254,13 +258,6 @@ def _final_model(run: Path) -> tuple[Floats, dict[str, list[list[float]]]] | Non
         if image.has_pose
     }
     return points_m, axes
-
-
-def _measured_cloud(run: Path) -> Floats | None:
-    """(N, 3) of the cloud that was measured."""
-    file = next((run / name for name in (CLEANED, DENSE) if (run / name).is_file()), None)
-    points_m = np.zeros((0, 3)) if file is None else read_ply(file)[0].points_m
-    return points_m[thin_indices(len(points_m), _MOST_DENSE_POINTS)] if len(points_m) else None
 
 
 def _scores(metrics: Mapping[str, Any]) -> list[list[str]]:

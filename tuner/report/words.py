@@ -183,15 +183,12 @@ def table_lines(table: AnswerTable, metric: str, fly: str = "", *, narrow: bool 
         flown = row.strategy == fly
         name = f"{FLY_MARK} {row.label}" if flown else f"  {row.label}"
         rows.append(Row(name, tuple(map(Cell, texts)), best=flown))
-    return Table(title_of(table), tuple(columns), rows, " ".join(notes_of(table)))
-
-
-def title_of(table: AnswerTable) -> str:
     least, most = table.replicates
     replicates = counted(most, "replicate") if least == most else f"{least} to {most} replicates"
     names = short_names(table.targets)
     shown = ", ".join(names) if len(names) <= 8 else f"{', '.join(names[:7])} and {len(names) - 7} more"
-    return f"{'Held-out' if table.held_out else 'Training'} targets: {shown} ({replicates})"
+    title = f"{'Held-out' if table.held_out else 'Training'} targets: {shown} ({replicates})"
+    return Table(title, tuple(columns), rows, " ".join(notes_of(table)))
 
 
 def notes_of(table: AnswerTable) -> list[str]:
