@@ -81,8 +81,8 @@ def prepared() -> Iterator[None]:
         import torch  # noqa: F401
 
         import tuner.campaign.begin
+        import tuner.campaign.session
         import tuner.campaign.settings_file
-        import tuner.campaign.showcase
         import tuner.cli
         import tuner.report.campaign_page
         import tuner.surrogate.fit  # noqa: F401

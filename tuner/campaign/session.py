@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import collections
+import contextlib
 import dataclasses
 import functools
 import itertools
@@ -16,8 +17,8 @@ from nbv.errors import MissionFailure, UserError
 from tuner.campaign.campaign import Campaign, CampaignEvent, CampaignSummary, Ending, EventKind
 from tuner.missions.job import MissionJob, Trial, load_trial
 from tuner.missions.pool import Executor
-from tuner.missions.registry import BUILT_IN, kind_on
-from tuner.missions.run_jobs import Stop, long_run, run_jobs
+from tuner.missions.registry import BUILT_IN, kind_on, mission_kind
+from tuner.missions.run_jobs import JobList, Stop, long_run, run_jobs
 from tuner.problem.observations import Proposal, configuration_key, next_block, photographs_key
 from tuner.recommendation.recommendation import Recommendation
 
@@ -380,3 +381,40 @@ class ReproducibilityCheck:
             f"{what}: its ledger would mix two kinds of missions; restore what it was, or go on all the same with "
             f"`gatetune campaign resume {shlex.quote(str(self._directory))} --accept-changes`"
         )
+
+
+# The showcase runs the default and the tuned mission once more and keeps all their files, for pages and pictures.
+
+
+SHOWN = "shown"  # in a campaign's directory
+
+
+def showcase_jobs(campaign: Campaign) -> list[MissionJob]:
+    """Return both missions on the campaign's first rock, in ``RUN/shown/``; one where both are the same.
+
+    The list is empty without a recommendation, and where missions leave nothing that a page shows.
+    """
+    s, best = campaign.settings, campaign.recommendation(save=False)
+    if best is None or not mission_kind(s.fidelity).uses_catalogue:
+        return []
+    problem = s.problem
+    instance = problem.instances[0]
+    jobs: dict[str, MissionJob] = {}
+    for name, values in (("default", best.default_values), (best.name, best.values)):
+        config = problem.config(values, instance.condition)
+        folder = campaign.directory / SHOWN / name
+        job = MissionJob(f"{SHOWN}-{name}", config, instance.rock, 0, folder, "all", s.fidelity)
+        jobs.setdefault(config.digest(), job)
+    return list(jobs.values())
+
+
+def run_showcase(campaign: Campaign, executor: Executor) -> None:
+    """Run those of `showcase_jobs` that have not run yet; one that fails is left out of the pages."""
+    with contextlib.suppress(UserError):
+        run_jobs(JobList(showcase_jobs(campaign)), executor, Stop())
+
+
+def was_run(job: MissionJob) -> bool:
+    """Return whether the job's directory holds a finished mission of the job's configuration."""
+    trial = load_trial(job)
+    return trial is not None and trial.record.status != "failed"

@@ -17,9 +17,9 @@ from nbv.safe_files import read_json
 from tuner.answer.answer import ANSWER_FILE, Answer
 from tuner.campaign.begin import begin_campaign, extend_campaign
 from tuner.campaign.campaign import Campaign, CampaignSummary
+from tuner.campaign.session import run_showcase, showcase_jobs
 from tuner.campaign.settings import SEARCH, CampaignSettings
 from tuner.campaign.settings_file import SETTINGS_FILE, merged_settings, resolved_settings, settings_there
-from tuner.campaign.showcase import run_showcase, showcase_jobs
 from tuner.commands.campaign_display import (
     CampaignProgress,
     event_line,

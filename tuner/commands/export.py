@@ -18,8 +18,8 @@ from nbv.safe_files import write_atomic
 from nbv.viewpoints import seed_viewpoints
 from tuner.answer.answer import Answer, answer_of
 from tuner.campaign.campaign import Campaign
+from tuner.campaign.session import showcase_jobs, was_run
 from tuner.campaign.settings_file import SETTINGS_FILE
-from tuner.campaign.showcase import showcase_jobs, was_run
 from tuner.commands.console import AsJson, answer_json, output
 from tuner.comparison.plan import PLAN_FILE, EvaluationPlan, EvaluationRun
 from tuner.export.route import Home, mission_config, qgc_plan, read_flight

@@ -18,10 +18,9 @@ from tuner.answer import effects
 from tuner.answer.answer import Answer, answer_of
 from tuner.answer.evidence import Evidence, evidence_of
 from tuner.campaign.campaign import Campaign, CampaignStatus
-from tuner.campaign.session import MAX_CONSECUTIVE_FAILURES, REFUSED
+from tuner.campaign.session import MAX_CONSECUTIVE_FAILURES, REFUSED, SHOWN, showcase_jobs, was_run
 from tuner.campaign.settings import CampaignSettings
 from tuner.campaign.settings_file import SETTINGS_FILE
-from tuner.campaign.showcase import SHOWN, showcase_jobs, was_run
 from tuner.missions.job import Trial
 from tuner.problem.baselines import label
 from tuner.problem.goal import COUNTS

@@ -34,17 +34,18 @@ from tuner.problem.observations import Observation
 from tuner.problem.search_space import MANY_PARAMETERS, SearchSpace, Values
 from tuner.problem.standardise import RockStandardiser, winsorised
 from tuner.surrogate.fit import (
+    NO_OFFSET,
     NORMAL_95,
     Feasibility,
     Posterior,
     fitted,
     fitted_subset,
+    mission_kernel,
     numerics,
     posterior_means,
     tensor,
     with_promising,
 )
-from tuner.surrogate.kernel import NO_OFFSET, mission_kernel
 
 SPARSE_TAUS = (1e-3, 1e-2, 1e-1, 1.0)
 
