@@ -106,17 +106,9 @@ def code_digest(module: str) -> str:
     """Digest of the source of ``module`` and of all of ``nbv`` that it imports, and of the libraries' versions.
 
     Imports are followed through the text of the files, so that no list of them can be forgotten. A package stands for
-    all of its files.
+    all of its files. `ValueError` where there is no such module.
     """
     installed = {name: version for name, version in versions().items() if name in MISSION_LIBRARIES}
-    return digest(installed, *(f"{name}\n{_sources()[name]}" for name in sorted(imported_modules(module))))
-
-
-def imported_modules(module: str) -> set[str]:
-    """The modules below ``nbv`` that are ``module``, or in it, or imported by these; by dotted name.
-
-    `ValueError` where there is no such module.
-    """
     waiting, imported = set(_modules_of(module)), set[str]()
     if not waiting:
         raise ValueError(f"there is no module {module}")
@@ -124,7 +116,7 @@ def imported_modules(module: str) -> set[str]:
         name = waiting.pop()
         imported.add(name)
         waiting |= _imports_of(name) - imported
-    return imported
+    return digest(installed, *(f"{name}\n{_sources()[name]}" for name in sorted(imported)))
 
 
 @functools.cache

@@ -17,6 +17,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -119,10 +120,6 @@ def _by_sector(distances: Distances, _: float) -> list[float | None]:
     return share_by_sector(distances.sectors, reached, distances.config.azimuth_sectors)
 
 
-def _p95(distances: Floats) -> Any:
-    return np.percentile(distances, 95)
-
-
 def _distance(key: str, label: str, statistic: Callable[[Floats], Any], surfaces: str = "missing") -> Metric:
     """A metric in mm: a statistic of what is missing, of what is wrong, or the larger of both."""
     sides = {
@@ -133,6 +130,7 @@ def _distance(key: str, label: str, statistic: Callable[[Floats], Any], surfaces
     return Metric(key, label, "mm", False, lambda d, _: max(float(statistic(side)) for side in sides(d)))
 
 
+_p95 = partial(np.percentile, q=95)
 METRICS: dict[str, Metric] = {
     metric.key: metric
     for metric in (

@@ -141,7 +141,15 @@ def fly_straight(start: Pose, end: Pose, limits: FlightConfig, wind_m_s: tuple[f
     a, b = np.array(start.position_m), np.array(end.position_m)
     length = float(np.linalg.norm(b - a))
     turn = float(wrap_angle(end.heading_rad - start.heading_rad))
-    speed = _speed_along(b - a, length, limits, wind_m_s)
+    # The largest whose horizontal and vertical parts obey their limits.
+    speed = limits.max_speed_m_s
+    if length > 0:
+        across, up = float(np.hypot(*(b - a)[:2])) / length, abs(float(b[2] - a[2])) / length
+        speeds = [limits.max_climb_m_s / up] if up > 0 else []
+        if across > 0:
+            east, north = (float(d) / (length * across) for d in (b - a)[:2])
+            speeds.append(ground_speed_m_s((east, north), limits, wind_m_s) / across)
+        speed = min(speeds)
     trajectory = partial(_trajectory, length, turn, speed, limits)
     return Leg(start, end, float(trajectory().duration), length, trajectory)
 
@@ -161,18 +169,3 @@ def _trajectory(length: float, turn: float, speed: float, limits: FlightConfig) 
             "flight_failed", f"no trajectory over {length} m with a turn of {turn} rad: {outcome}"
         )
     return trajectory
-
-
-def _speed_along(delta: Floats, length: float, limits: FlightConfig, wind_m_s: tuple[float, float]) -> float:
-    """Largest speed on the line whose horizontal and vertical parts obey their limits."""
-    if length == 0:
-        return limits.max_speed_m_s
-    horizontal = float(np.hypot(delta[0], delta[1])) / length
-    vertical = abs(float(delta[2])) / length
-    if horizontal > 0:
-        east, north = (float(d) / (length * horizontal) for d in delta[:2])
-        over_ground = ground_speed_m_s((east, north), limits, wind_m_s)
-    return min(
-        over_ground / horizontal if horizontal > 0 else np.inf,
-        limits.max_climb_m_s / vertical if vertical > 0 else np.inf,
-    )

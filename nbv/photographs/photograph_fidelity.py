@@ -102,8 +102,18 @@ class PhotographViewpoints(ViewpointSource):
         `MissionFailure` ``not_photographed`` where the set has too few photographs, most viewpoints are on sides without any, none is
         near more than a quarter of the others, or hardly any is within the altitudes of the pool.
         """
-        self._require_candidates(config)
-        wanted = seed_viewpoints(config)
+        allowed, wanted = int(self.within_altitudes.sum()), seed_viewpoints(config)
+        if config.planned_views and allowed < min(config.photographs, len(self.positions_m) / 4):
+            lower, upper = np.sort(self.elevations_deg)[
+                [len(self.elevations_deg) // 4, 3 * len(self.elevations_deg) // 4]
+            ]
+            raise MissionFailure(
+                "not_photographed",
+                f"pool.min_altitude_m {config.pool.min_altitude_m:g} and pool.max_altitude_m {config.pool.max_altitude_m:g} "
+                f"are elevations of {self.lowest_deg:.0f} to {self.highest_deg:.0f} degrees about the object, "
+                f"where there are {allowed} photographs to choose from: half of all photographs lie between "
+                f"{lower:.0f} and {upper:.0f} degrees; widen them",
+            )
         if len(wanted) > len(self.positions_m):
             raise MissionFailure(
                 "not_photographed",
@@ -138,20 +148,6 @@ class PhotographViewpoints(ViewpointSource):
             angles = float(self.azimuths_deg[column]), float(self.elevations_deg[column])
             seeds.append(Viewpoint(f"seed_{number:02d}", (x, y, z), *angles, "seed"))
         return seeds
-
-    def _require_candidates(self, config: MissionConfig) -> None:
-        allowed = int(self.within_altitudes.sum())
-        if not config.planned_views or allowed >= min(config.photographs, len(self.positions_m) / 4):
-            return
-        elevations_deg = np.sort(self.elevations_deg)
-        raise MissionFailure(
-            "not_photographed",
-            f"pool.min_altitude_m {config.pool.min_altitude_m:g} and pool.max_altitude_m {config.pool.max_altitude_m:g} "
-            f"are elevations of {self.lowest_deg:.0f} to {self.highest_deg:.0f} degrees about the object, "
-            f"where there are {allowed} photographs to choose from: half of all photographs lie between "
-            f"{elevations_deg[len(elevations_deg) // 4]:.0f} and {elevations_deg[3 * len(elevations_deg) // 4]:.0f} "
-            "degrees; widen them",
-        )
 
     def candidates(
         self, config: MissionConfig, vehicle_position_m: Floats, visited_m: Floats, n_seeds: int

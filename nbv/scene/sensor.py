@@ -141,7 +141,13 @@ class Sensor:
         """(H, W, 3) the picture ``drawn`` by a renderer after lens, exposure and motion, in 8 bits."""
         c = self._config
         stops = c.exposure_ev + c.exposure_jitter_ev * rng.standard_normal()
-        streak_px = self._streak_px(camera_from_world, rng.uniform(0, 2 * math.pi, 2))
+        # The target's image moves while the shutter is open: across by ``f v t / depth``, and turned by ``f w t``, each in a
+        # direction of its own.
+        directions_rad = rng.uniform(0, 2 * math.pi, 2)
+        depth_m = max(NEAREST_M, float(camera_from_world[2, :3] @ self._target_m + camera_from_world[2, 3]))
+        open_px = self._lens.focal_px * c.exposure_time_s
+        lengths_px = open_px * np.array([c.residual_speed_m_s / depth_m, math.radians(c.residual_rate_deg_s)])
+        streak_px = lengths_px @ np.stack([np.cos(directions_rad), np.sin(directions_rad)], axis=1)
         moves = bool(streak_px.any())
         if self._lens.is_pinhole and stops == 0 and c.vignetting == 0 and not moves:
             return drawn
@@ -156,16 +162,6 @@ class Sensor:
                 np.float32, copy=False
             )
         return grey_levels(light)
-
-    def _streak_px(self, camera_from_world: Floats, directions_rad: Floats) -> Floats:
-        """(2,) way of the target's image while the shutter is open: across by ``f v t / depth``, and turned by
-        ``f w t``, each in a direction of its own."""
-        c = self._config
-        depth_m = max(NEAREST_M, float(camera_from_world[2, :3] @ self._target_m + camera_from_world[2, 3]))
-        open_px = self._lens.focal_px * c.exposure_time_s
-        lengths_px = open_px * np.array([c.residual_speed_m_s / depth_m, math.radians(c.residual_rate_deg_s)])
-        streak: Floats = lengths_px @ np.stack([np.cos(directions_rad), np.sin(directions_rad)], axis=1)
-        return streak
 
 
 def streak_kernel(streak_px: Floats) -> Floats32:

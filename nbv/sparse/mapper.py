@@ -253,31 +253,22 @@ class IncrementalModel:
     ) -> dict[int, str]:
         """Until no more registers: a new registration can make an earlier image registrable. Returns what was left out."""
         waiting, reasons, progress = list(image_ids), dict[int, str](), True
+        needed = options.mapper.abs_pose_min_num_inliers
         while waiting and progress:
             progress = False
             for image_id in list(waiting):
-                reasons[image_id] = self._try(mapper, image_id, options, judge)
-                if not reasons[image_id]:
+                visible = mapper.observation_manager.num_visible_points3D(image_id)
+                if visible < needed:
+                    reason = f"sees {visible} points of the model, registration needs {needed}"
+                else:
+                    reason = self._register(mapper, image_id, options, judge)
+                    if not reason and not mapper.reconstruction.image(image_id).has_pose:
+                        reason = "lost its points in the adjustment"
+                reasons[image_id] = reason
+                if not reason:
                     waiting.remove(image_id)
                     progress = True
         return {image_id: reasons[image_id] for image_id in waiting}
-
-    def _try(
-        self,
-        mapper: pycolmap.IncrementalMapper,
-        image_id: int,
-        options: pycolmap.IncrementalPipelineOptions,
-        judge: Judge,
-    ) -> str:
-        """Register one image where it sees points enough; why it was left out, or "" where it is registered."""
-        visible = mapper.observation_manager.num_visible_points3D(image_id)
-        needed = options.mapper.abs_pose_min_num_inliers
-        if visible < needed:
-            return f"sees {visible} points of the model, registration needs {needed}"
-        reason = self._register(mapper, image_id, options, judge)
-        if not reason and not mapper.reconstruction.image(image_id).has_pose:
-            return "lost its points in the adjustment"
-        return reason
 
     def _register(
         self,
@@ -286,7 +277,7 @@ class IncrementalModel:
         options: pycolmap.IncrementalPipelineOptions,
         judge: Judge | None,
     ) -> str:
-        """Register one image and adjust locally about it; returns as `_try`."""
+        """Register one image and adjust locally about it; why it was left out, or "" where it is registered."""
         with self.stopwatch.timed("sparse.mapping"):
             visible = mapper.observation_manager.num_visible_points3D(image_id)
             if not mapper.register_next_image(options.get_mapper(), image_id):

@@ -22,12 +22,11 @@ from nbv.flight import Airspace, Pose
 from nbv.flight.flight import pose_at
 from nbv.flight.leg import Leg
 from nbv.geometry.frames import heading_to
-from nbv.mission.planning_state import load_state
-from nbv.mission.result import IterationRecord, MissionResult
-from nbv.mission.run_directory import CONFIG, FLIGHT, LOCATED, state_files
+from nbv.mission.result import MissionResult
+from nbv.mission.run_directory import CONFIG, FLIGHT, LOCATED
 from nbv.rocks import Rock
 from nbv.safe_files import RESULT_BYTES, read_json, read_yaml
-from nbv.types import CandidatePool, Floats, PlanningState, Viewpoint
+from nbv.types import Floats, Viewpoint
 from nbv.viewpoints import raw_candidates, seed_viewpoints
 from tuner.missions.registry import mission_kind
 
@@ -212,13 +211,6 @@ def read_flight(run: Path) -> FlightRecord:
         return FlightRecord(samples, ends, float(tree["flight_time_s"]))
     except (KeyError, TypeError, ValueError, IndexError) as error:
         raise UserError(f"{file} is not a mission's flight; restore it") from error
-
-
-def planning_steps(
-    run: Path, result: MissionResult
-) -> list[tuple[PlanningState, CandidatePool, IterationRecord]]:
-    """The planner's state, its candidates and what it decided, for every planned view."""
-    return [(*load_state(path), record) for path, record in zip(state_files(run), result.trace)]
 
 
 def rock_of_mission(run: Path, result: MissionResult, rock: str | None, store: Store) -> Rock:

@@ -141,14 +141,9 @@ class Goal:
         return math.ceil(least) - 0.5 if self.second.metric in COUNTS else least
 
     @property
-    def quality(self) -> Objective | None:
-        """The objective other than a count of photographs; None without one."""
-        return next((o for o in self.objectives if o.metric not in COUNTS), None)
-
-    @property
     def shown(self) -> Objective:
-        """By what strategies are compared: the quality, or the objective where there is none."""
-        return self.quality or self.objective
+        """By what strategies are compared: the one that is no count of photographs, or the objective where all are."""
+        return next((o for o in self.objectives if o.metric not in COUNTS), self.objective)
 
     def as_shown(self, history: Sequence[Observation]) -> list[Observation]:
         """Return the missions with their outcomes of `shown`."""
@@ -189,7 +184,11 @@ def parse_goal(text: str) -> Goal:
     right = "<=" if second.direction == "minimise" else ">="
     if match["sign"] != right:
         raise UserError(f"objective {text!r}: {second.metric} is {second.direction}d; write {right}")
-    limit, key = _number(match["limit"], f"objective {text!r}"), second.metric.rpartition(".")[2]
+    limit, key = math.nan, second.metric.rpartition(".")[2]
+    with contextlib.suppress(ValueError):
+        limit = float(match["limit"])
+    if not math.isfinite(limit):
+        raise UserError(f"objective {text!r}: {match['limit']!r} is not a number")
     if key.startswith(PERCENTAGES) and not 0.0 < limit <= 100.0:
         raise UserError(
             f"objective {text!r}: {second.metric} is between 0 and 100 %, so nothing meets {limit:g}; ask for less"
@@ -209,10 +208,3 @@ def _objective(name: str) -> Objective:
     if "." not in metric and (close := difflib.get_close_matches(metric, SHORT, n=1)):
         raise UserError(f"there is no metric {metric!r}; did you mean {close[0]}?")
     return Objective(metric, direction_of(metric))
-
-
-def _number(text: str, where: str) -> float:
-    with contextlib.suppress(ValueError):
-        if math.isfinite(value := float(text)):
-            return value
-    raise UserError(f"{where}: {text!r} is not a number")

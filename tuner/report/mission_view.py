@@ -26,15 +26,15 @@ from nbv.evaluation import ground_truth
 from nbv.geometry.mesh import RayCaster
 from nbv.geometry.ply import read_ply
 from nbv.geometry.visibility import nearest_neighbours
+from nbv.mission.planning_state import load_state
 from nbv.mission.result import IterationRecord, MissionResult
-from nbv.mission.run_directory import CLEANED, DENSE, IMAGES, SPARSE_MODEL
+from nbv.mission.run_directory import CLEANED, DENSE, IMAGES, SPARSE_MODEL, state_files
 from nbv.rocks import Rock
 from nbv.types import CandidatePool, Floats, PlanningState
 from tuner.export.route import (
     FlightRecord,
     mission_config,
     planned_config,
-    planning_steps,
     read_flight,
     rock_of_mission,
     thin_indices,
@@ -129,7 +129,8 @@ def _mission_data(run: Path, rock: str | None) -> dict[str, Any]:
     over_set = mission_kind(fidelity).photographs == "taken"
     config = planned_by if over_set else mission_config(run)  # camera, object and place are the set's
     space = _Space.of(config, rock_of_mission(run, result, rock, store))
-    known = planning_steps(run, result)
+    # The planner's state, its candidates and what it decided, for every planned view.
+    known = [(*load_state(path), record) for path, record in zip(state_files(run), result.trace)]
     views = _views(run, flight, known)
     seeds = sum(view["name"].startswith("seed_") for view in views)
     steps = [_step(f"seed view {n} of {seeds}", n, view["t"]) for n, view in enumerate(views[:seeds], 1)]
