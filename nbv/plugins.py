@@ -171,20 +171,18 @@ _used: dict[tuple[str, str], Plugin] = {}
 _left_out: dict[tuple[str, str], str] = {}
 
 
-def register(group: str, name: str, part: Any, spec: str | None = None) -> None:
+def register(group: str, name: str, part: Any) -> None:
     """Add a part in this process. Workers import the module that calls this.
 
     ``group`` is one of `GROUPS`; ``name`` is how configurations, search spaces and commands name the part; ``part`` is what an entry
-    point would name, such as a `nbv.scorers.Scorer` or a subclass of `nbv.gates.Gate`; ``spec`` is what ``--plugin`` names it by, by
-    default the module that calls. `UserError` where there is no such group, the part is none of it, or another module has
-    registered the name.
+    point would name, such as a `nbv.scorers.Scorer` or a subclass of `nbv.gates.Gate`. `UserError` where there is no such group, the
+    part is none of it, or another module has registered the name.
     """
     if group not in GROUPS:
         raise UserError(f"there is no group {group!r} of plug-ins; there are {', '.join(GROUPS)}")
     caller = sys._getframe(1).f_globals
     module, file = str(caller.get("__name__")), str(caller.get("__file__") or "")
-    if spec is None:
-        spec = "" if module == "__main__" else module if "." in module or not file else file
+    spec = "" if module == "__main__" else module if "." in module or not file else file
     plugin = Plugin(group, name, f"{module}:{name}", part=part, spec=spec)
     earlier = _registered.get((group, name))
     if earlier is not None and (earlier.reference, earlier.spec) != (plugin.reference, plugin.spec):

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
 import errno
 import io
 import signal
 import sys
 import traceback
 from importlib import metadata
-from pathlib import Path
 from typing import Annotated
 
 from nbv.process import single_thread_environment
@@ -132,8 +132,12 @@ def main() -> None:
         if isinstance(error, MemoryError) or any(said in str(error) for said in _NO_MEMORY):
             _say("memory ran out; free some or use fewer workers, then resume: finished missions are kept")
             sys.exit(2)
-        log = _keep_traceback()
-        where = f"; the details are in {log}" if log else ""
+        where = ""
+        with contextlib.suppress(OSError, RuntimeError, UserError):
+            log = home() / "last_error.log"
+            log.parent.mkdir(parents=True, exist_ok=True)
+            log.write_text(f"{sys.argv}\n{traceback.format_exc()}", errors="backslashreplace")
+            where = f"; the details are in {log}"
         _say(f"unexpected {type(error).__name__}: {error}{where}")
         sys.exit(EXIT_UNEXPECTED)
     finally:
@@ -146,16 +150,6 @@ def main() -> None:
 def _say(message: str, kind: str = "error", color: str = "bold red") -> None:
     line = " ".join(message.split("\n"))
     errors.print(Text.assemble((f"{kind}:", color), " ", line), highlight=False, soft_wrap=True)
-
-
-def _keep_traceback() -> Path | None:
-    try:
-        path = home() / "last_error.log"
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(f"{sys.argv}\n{traceback.format_exc()}", errors="backslashreplace")
-    except (OSError, RuntimeError, UserError):
-        return None
-    return path
 
 
 if __name__ == "__main__":

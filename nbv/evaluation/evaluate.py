@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,7 +11,7 @@ from scipy.spatial import cKDTree
 from nbv.cache import Store
 from nbv.config import MissionConfig
 from nbv.evaluation.cleaning import clean_cloud
-from nbv.evaluation.ground_truth import GroundTruthSamples, ground_truth, rock_floors
+from nbv.evaluation.ground_truth import ground_truth, rock_floors
 from nbv.evaluation.registry import compute_metrics
 from nbv.geometry.frames import Similarity, align_umeyama
 from nbv.geometry.mesh import RayCaster
@@ -124,22 +123,10 @@ def evaluate_cloud(cloud: Cloud, rock: Rock, config: MissionConfig, store: Store
         return {**metrics, **{surface: {**metrics[surface], **floors[surface]} for surface in floors}}
 
     metrics = measure(cleaned)
-    if not config.telemetry.places_well:
-        metrics["registered"] = _registered(cloud, truth, config, measure)
-    return Evaluation(metrics, report, cleaned)
-
-
-def _registered(
-    cloud: Cloud,
-    truth: GroundTruthSamples,
-    config: MissionConfig,
-    measure: Callable[[PointCloud], dict[str, Any]],
-) -> dict[str, Any]:
-    """Both surfaces' scores after registration, and the similarity that it found.
-
-    In three steps, since the crop and the ground's removal, which come first, are only right once the cloud lies right:
-    the target in the cloud is put where the target is, then registered coarsely, then to the end.
-    """
+    if config.telemetry.places_well:
+        return Evaluation(metrics, report, cleaned)
+    # In three steps, since the crop and the ground's removal, which come first, are only right once the cloud lies right:
+    # the target in the cloud is put where the target is, then registered coarsely, then to the end.
     truth_from_cloud = place_on_target(cloud.points_m, np.asarray(config.target_m))
     bare = PointCloud(cloud.points_m)
     for reaches_m in (COARSE_REACHES_M, REACHES_M):
@@ -148,10 +135,11 @@ def _registered(
         truth_from_cloud = step.after(truth_from_cloud)
     measured = measure(moved(placed, step))
     centre_m = np.asarray(config.target_m)
-    return {
+    metrics["registered"] = {
         "whole": measured["whole"],
         "observable": measured["observable"],
         "scale": truth_from_cloud.scale,
         "turn_deg": truth_from_cloud.turn_deg,
         "shift_of_target_m": float(np.linalg.norm(truth_from_cloud.apply(centre_m) - centre_m)),
     }
+    return Evaluation(metrics, report, cleaned)

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from nbv.config import MissionConfig
 from nbv.evaluation.registry import (
@@ -25,15 +23,6 @@ from nbv.types import Bools, Floats, Floats32, Ints
 
 CHANCES_IN_REACH = 2.0
 RESOLVED = 2.0  # a pixel's area decides (`nbv.geometric.world.RESOLVED`)
-
-
-def best_so_far(probability: Floats, neighbours: NDArray[np.integer]) -> Floats:
-    """(K + 1, S) highest probability among each sample's first 0, 1, ..., K neighbours; of none it is 0.
-
-    ``neighbours`` is (K, S): the samples themselves, their nearest neighbours, their second nearest, ...
-    """
-    none = np.zeros((1, neighbours.shape[1]))
-    return np.maximum.accumulate(np.concatenate([none, probability[neighbours]]), axis=0)
 
 
 def sample_probability(
@@ -79,7 +68,9 @@ def predicted_metrics(world: GeometricWorld, probability: Floats, config: Missio
     of the photogrammetric score. Distances (C2C, Hausdorff) are not predicted and are absent.
     """
     thresholds = sorted({*config.evaluation.thresholds_mm, SECTOR_THRESHOLD_MM})
-    best = best_so_far(probability, world.neighbours_by_rank)
+    # (K + 1, S) highest probability among each sample's first 0, 1, ..., K neighbours; of none it is 0.
+    of_neighbours = [np.zeros((1, len(probability))), probability[world.neighbours_by_rank]]
+    best = np.maximum.accumulate(np.concatenate(of_neighbours), axis=0)
     finest = min(1.0, resolution(world.camera))  # coarser pixels place points less well
     # A depth is a matter of a few pixels, so within reach there are `CHANCES_IN_REACH` chances as good as the best neighbour's.
     # Of likelihood, on ten photogrammetric orbits with 3 agreeing views (docs/results/index.md).
@@ -93,22 +84,15 @@ def predicted_metrics(world: GeometricWorld, probability: Floats, config: Missio
         "sector_centers_deg": sector_centers_deg(config.evaluation.azimuth_sectors).tolist(),
     }
     for surface, mask in (("whole", everything), ("observable", world.observable)):
-        scores = _scores({t: p[mask] for t, p in reached.items()}, config.evaluation.thresholds_mm)
+        scores, curve, asked = dict[str, Any](), list[float](), sorted(config.evaluation.thresholds_mm)
+        for t in asked:
+            completeness = 100.0 * float(reached[t][mask].mean())
+            curve.append(f_score(100.0, completeness))
+            scores |= {f"completeness_{t:g}mm": completeness, f"f_score_{t:g}mm": curve[-1]}
+        scores["f_score_auc"] = area_under_curve(asked, curve)
         scores[f"sector_completeness_{SECTOR_THRESHOLD_MM:g}mm"] = share_by_sector(
             sectors[mask], reached[SECTOR_THRESHOLD_MM][mask], config.evaluation.azimuth_sectors
         )
         scores["n_gt_samples"] = int(mask.sum())
         metrics[surface] = scores
     return metrics
-
-
-def _scores(reached: dict[float, Floats], thresholds_mm: Sequence[float]) -> dict[str, Any]:
-    scores: dict[str, Any] = {}
-    curve = []
-    for t in sorted(thresholds_mm):
-        completeness = 100.0 * float(reached[t].mean())
-        scores[f"completeness_{t:g}mm"] = completeness
-        scores[f"f_score_{t:g}mm"] = f_score(100.0, completeness)
-        curve.append(scores[f"f_score_{t:g}mm"])
-    scores["f_score_auc"] = area_under_curve(sorted(thresholds_mm), curve)
-    return scores

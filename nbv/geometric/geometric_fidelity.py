@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -45,6 +45,7 @@ class GeometricFidelity(Fidelity):
     )
     load = staticmethod(load_coarse_rock)
     reconstructor: GeometricReconstructor
+    reconstructs: ClassVar[type[GeometricReconstructor]] = GeometricReconstructor
 
     @staticmethod
     def simulated(config: MissionConfig) -> MissionConfig:
@@ -56,9 +57,7 @@ class GeometricFidelity(Fidelity):
         config, rock, aim_m = context.config, context.rock, self.vehicle_config.target_m
         self._world = world_of(rock, config, context.store)
         self.camera = PoseCamera(aim_m)
-        self.reconstructor = GeometricReconstructor(
-            self._world, config, aim_m, rock.sha256, context.replicate
-        )
+        self.reconstructor = self.reconstructs(self._world, config, aim_m, rock.sha256, context.replicate)
         self.facts = {"geometric_code": code_digest(__package__)}
 
     def measure(self, cloud: Cloud) -> dict[str, Any]:
@@ -97,14 +96,12 @@ class CurveFidelity(GeometricFidelity):
     """
 
     name = "curve"
+    reconstructor: _MeasuredReconstructor
+    reconstructs = _MeasuredReconstructor
 
     def __init__(self, context: MissionContext) -> None:
         super().__init__(context)
-        config, rock = context.config, context.rock
         self.curve: list[tuple[int, float, float]] = []
-        self.reconstructor = _MeasuredReconstructor(
-            self._world, config, self.vehicle_config.target_m, rock.sha256, context.replicate
-        )
         self.reconstructor.fidelity = self
 
     def note(self, report: UpdateReport, photographs: int) -> UpdateReport:

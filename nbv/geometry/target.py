@@ -49,7 +49,14 @@ def ground_plane(
     ``hypotheses`` planes are drawn through triples of ``drawn_from_m`` (M, 3); no more than ``most_below`` of the points may lie
     below one. The best is refined by least squares over the points about it, unless that is no ground. None where none is.
     """
-    planes = [plane for plane in drawn_planes(drawn_from_m, hypotheses, rng) if is_ground(plane)]
+    triples = drawn_from_m[rng.integers(len(drawn_from_m), size=(hypotheses, 3))]
+    across = np.cross(triples[:, 1] - triples[:, 0], triples[:, 2] - triples[:, 0])
+    lengths = np.linalg.norm(across, axis=1)
+    proper = lengths > 1e-9  # no triple on a line
+    across = across[proper] / lengths[proper, None]
+    across *= np.where(across[:, 2] < 0, -1.0, 1.0)[:, None]
+    drawn = (Plane(n, float(offset_m)) for n, offset_m in zip(across, (across * triples[proper, 0]).sum(1)))
+    planes = [plane for plane in drawn if is_ground(plane)]
     if not planes:
         return None
     # Single precision is enough to count (points lie within metres of the origin) and twice as fast; so are blocks that
@@ -76,18 +83,6 @@ def ground_plane(
     normal = normal if normal[2] >= 0 else -normal
     refined = Plane(normal, float(normal @ center))
     return refined if is_ground(refined) else planes[best]
-
-
-def drawn_planes(points_m: Floats, count: int, rng: np.random.Generator) -> list[Plane]:
-    """The planes through ``count`` triples of the points (N, 3), without triples on a line."""
-    triples = points_m[rng.integers(len(points_m), size=(count, 3))]
-    normals = np.cross(triples[:, 1] - triples[:, 0], triples[:, 2] - triples[:, 0])
-    lengths = np.linalg.norm(normals, axis=1)
-    proper = lengths > 1e-9
-    normals = normals[proper] / lengths[proper, None]
-    normals *= np.where(normals[:, 2] < 0, -1.0, 1.0)[:, None]
-    offsets_m = (normals * triples[proper, 0]).sum(1)
-    return [Plane(normal, float(offset_m)) for normal, offset_m in zip(normals, offsets_m)]
 
 
 REACH_M = 4.0  # about the aim, horizontally: the seed orbit's radius

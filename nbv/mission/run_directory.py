@@ -64,17 +64,13 @@ class RunDirectory:
         except OSError as error:
             raise UserError(f"cannot write to {root}: {error.strerror}; choose another directory") from error
 
-    @property
-    def images(self) -> Path:
-        return self.root / IMAGES
-
     def write_image(self, name: str, rgb: np.ndarray) -> None:
         """Save an (H, W, 3) uint8 photograph as PNG (Pillow: cv2's PNG writer clashes with pycolmap)."""
         from PIL import Image  # noqa: PLC0415  who looks for a name alone need not wait for it
 
         buffer = io.BytesIO()
         Image.fromarray(rgb).save(buffer, "PNG", compress_level=1)
-        write_atomic(self.images / name, buffer.getbuffer())
+        write_atomic(self.root / IMAGES / name, buffer.getbuffer())
 
     def write_config(self, tree: dict[str, Any], name: str = CONFIG) -> None:
         write_atomic(self.root / name, to_yaml(tree))
@@ -87,10 +83,6 @@ class RunDirectory:
         """Add one line to a file at once, so that a killed mission leaves its history."""
         with (self.root / name).open("ab") as file:
             file.write(line.encode() + b"\n")
-
-    @property
-    def sparse_model(self) -> Path:
-        return self.root / SPARSE_MODEL
 
 
 def state_file(run: Path, iteration: int) -> Path:

@@ -11,7 +11,7 @@ from nbv.evaluation import Evaluation, evaluate_cloud
 from nbv.evaluation.registry import METRIC_REGISTRY
 from nbv.geometry.ply import write_ply
 from nbv.mission.fidelity import Fidelity, MissionContext
-from nbv.mission.run_directory import CLEANED, CLEANING, RunDirectory
+from nbv.mission.run_directory import CLEANED, CLEANING, IMAGES, SPARSE_MODEL, RunDirectory
 from nbv.photogrammetric.reconstructor import PhotogrammetricReconstructor
 from nbv.photogrammetric.simulated_camera import SimulatedCamera
 from nbv.process import limit_threads
@@ -66,7 +66,7 @@ class CloudFidelity(Fidelity):
             write_ply(run.root / CLEANED, evaluation.cleaned)
             run.write_json(CLEANING, evaluation.cleaning)
         if self.reconstructor.has_model:
-            self.reconstructor.export_sparse(run.sparse_model, run.images)
+            self.reconstructor.export_sparse(run.root / SPARSE_MODEL, run.root / IMAGES)
 
 
 class PhotogrammetricFidelity(CloudFidelity):

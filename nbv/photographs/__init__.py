@@ -1,17 +1,5 @@
 """Real photographs of one object, imported once: poses, a dense reference with its own error, a surface."""
 
-from nbv.photographs.photograph_set import (
-    HalvesAgreement,
-    Photograph,
-    PhotographSet,
-    Reference,
-    list_sets,
-)
+from nbv.photographs.photograph_set import PhotographSet, list_sets
 
-__all__ = [
-    "HalvesAgreement",
-    "Photograph",
-    "PhotographSet",
-    "Reference",
-    "list_sets",
-]
+__all__ = ["PhotographSet", "list_sets"]

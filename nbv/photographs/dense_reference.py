@@ -99,7 +99,15 @@ class ReferenceMaker:
                 ],
             )
             clouds.append(PointCloud(**entry))
-        return object_cloud(clouds[0] if parts == 1 else _joined(clouds), self.frame)
+        if parts == 1:
+            return object_cloud(clouds[0], self.frame)
+        # The points of all parts, one a voxel: the first of each.
+        points = np.concatenate([c.points_m for c in clouds])
+        _, first = np.unique(np.floor(points / VOXEL_M).astype(np.int64), axis=0, return_index=True)
+        first.sort()
+        colors = np.concatenate([c.colors for c in clouds if c.colors is not None])
+        normals = np.concatenate([c.normals for c in clouds if c.normals is not None])
+        return object_cloud(PointCloud(points[first], colors[first], normals[first]), self.frame)
 
     def _fused(
         self, views: Sequence[Photograph], config: DenseConfig, near_m: Floats | None, what: str
@@ -133,16 +141,6 @@ class ReferenceMaker:
             give_back_freed_memory()
         assert cloud.colors is not None and cloud.normals is not None
         return {"points_m": cloud.points_m, "colors": cloud.colors, "normals": cloud.normals}
-
-
-def _joined(clouds: Sequence[PointCloud]) -> PointCloud:
-    """The points of several clouds, one a voxel: the first of each."""
-    points = np.concatenate([c.points_m for c in clouds])
-    _, first = np.unique(np.floor(points / VOXEL_M).astype(np.int64), axis=0, return_index=True)
-    first.sort()
-    colors = np.concatenate([c.colors for c in clouds if c.colors is not None])
-    normals = np.concatenate([c.normals for c in clouds if c.normals is not None])
-    return PointCloud(points[first], colors[first], normals[first])
 
 
 def object_cloud(cloud: PointCloud, frame: ObjectFrame) -> PointCloud:

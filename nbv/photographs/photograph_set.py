@@ -208,10 +208,7 @@ def set_folder(name: str) -> Path:
 
 
 def list_sets() -> list[str]:
-    folder = sets_folder()
-    if not folder.is_dir():
-        return []
-    return sorted(p.name for p in folder.iterdir() if not p.name.startswith(".") and (p / SET_FILE).is_file())
+    return sorted(p.parent.name for p in sets_folder().glob(f"[!.]*/{SET_FILE}") if p.is_file())
 
 
 def read_set(folder: Path) -> PhotographSet:

@@ -350,7 +350,8 @@ def generated_recipe(family: str, seed: int) -> Recipe:
     lowest_m, highest_m = HEIGHT_M if not is_shape else (HEIGHT_M[0], HIGHEST_SHAPE_M)
     height_m = float(np.exp(rng.uniform(*np.log((lowest_m, highest_m)))))
     buried_m = rng.uniform(0, MOST_BURIED) * DEFAULT_HEIGHT_M
-    tilt = _tilted(rng.uniform(0, MOST_TILTED_DEG), rng.uniform(0, 360))
+    tilt_deg, turn = rng.uniform(0, MOST_TILTED_DEG), sdf.rotation(rng.uniform(0, 360))
+    tilt = turn @ sdf.rotation(0.0, tilt_deg) @ turn.T  # about a horizontal axis
     relief, richness = rng.uniform(0.6, 1.3) * (0.25 if is_shape else 1.0), rng.uniform()
     paint = Paint(rng.uniform(0.22, 0.45), richness, 0.15 + 0.6 * richness, 0.75 - 0.6 * richness)
     noise = int(rng.integers(1, 2**20))
@@ -362,22 +363,13 @@ def generated_recipe(family: str, seed: int) -> Recipe:
         drawn = np.random.default_rng([seed, 1, *family.encode()])
         return grounded(p, draw(warp(standing, noise, 0.04, 0.7), drawn, noise) + rough(p, noise, relief))
 
-    return Recipe(_split_of(seed), noise, difficulty, shape, paint, height_m)
+    split: Split = "train"
+    if seed >= VALIDATION_FROM:
+        split = "validation" if seed < HELD_OUT_FROM else "held-out"
+    return Recipe(split, noise, difficulty, shape, paint, height_m)
 
 
 def generated_name(name: str) -> tuple[str, int] | None:
     """``(family, seed)`` where ``name`` is that of a generated rock, such as ``cleft-3``; else None."""
     match = _NAME.fullmatch(name)
     return (match[1], int(match[2])) if match and family_generator(match[1]) else None
-
-
-def _split_of(seed: int) -> Split:
-    if seed < VALIDATION_FROM:
-        return "train"
-    return "validation" if seed < HELD_OUT_FROM else "held-out"
-
-
-def _tilted(angle_deg: float, bearing_deg: float) -> Floats:
-    """(3, 3) rotation by ``angle_deg`` about a horizontal axis."""
-    turn = sdf.rotation(bearing_deg)
-    return turn @ sdf.rotation(0.0, angle_deg) @ turn.T

@@ -5,7 +5,7 @@ from scoring_state import sparse_model
 
 from nbv.config import MissionConfig
 from nbv.types import CandidatePool, PlanningState, Ranking
-from nbv.viewpoints import candidate_pool, seed_viewpoints
+from nbv.viewpoints import RINGS, seed_viewpoints
 
 
 def state(
@@ -21,7 +21,7 @@ def state(
 
 
 def pool() -> CandidatePool:
-    return candidate_pool(MissionConfig(), np.array([0.0, -4.0, 2.0]), np.zeros((0, 3)))
+    return RINGS.candidates(MissionConfig(), np.array([0.0, -4.0, 2.0]), np.zeros((0, 3)), 0)
 
 
 def rankings(covis_top: int, b_aware_top: int, n: int) -> dict[str, Ranking]:

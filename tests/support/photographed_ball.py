@@ -10,8 +10,8 @@ from scene_helpers import BALL_RADIUS_M, CENTRE_M, SMALL_GROUND, around, make_ba
 
 from nbv.config import CameraConfig, SceneConfig
 from nbv.geometry.frames import look_at
-from nbv.photographs import HalvesAgreement, Photograph, PhotographSet, Reference
-from nbv.photographs.photograph_set import set_folder
+from nbv.photographs import PhotographSet
+from nbv.photographs.photograph_set import HalvesAgreement, Photograph, Reference, set_folder
 from nbv.rocks.catalogue import write_rock
 from nbv.rocks.rock import make_rock
 from nbv.scene import build_scene, make_renderer

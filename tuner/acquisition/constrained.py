@@ -116,29 +116,23 @@ def propose_constrained(
             model = constraint.model
             acquisition: AcquisitionFunction = noisy_improvement(model, near, running, seed)
         else:
-            acquisition = _with_probability(first, constraint, running, seed)
+            floor = constraint.floor()
+            objective = GenericMCObjective(lambda samples, X=None: samples[..., 0])
+            constraints = [lambda samples: floor - samples[..., 1]]
+            models = ModelListGP(first.model, constraint.model.model)
+            evaluated = first.inputs(first.evaluated[0])
+            acquisition = qLogNoisyExpectedImprovement(
+                models,
+                X_baseline=pruned(models, evaluated, seed, objective=objective, constraints=constraints),
+                sampler=SobolQMCNormalSampler(torch.Size([MONTE_CARLO_SAMPLES]), seed=seed),
+                objective=objective,
+                constraints=constraints,
+                X_pending=running,
+                prune_baseline=False,
+                cache_root=False,
+            )
         position, score = maximise(model, acquisition, seed, near=near)
     return first.space.from_unit(position), math.exp(score) * first.mean_scale
-
-
-def _with_probability(
-    first: InstanceMeanGP, constraint: Constraint, running: torch.Tensor | None, seed: int
-) -> AcquisitionFunction:
-    second, floor = constraint.model, constraint.floor()
-    model = ModelListGP(first.model, second.model)
-    objective = GenericMCObjective(lambda samples, X=None: samples[..., 0])
-    constraints = [lambda samples: floor - samples[..., 1]]
-    evaluated = first.inputs(first.evaluated[0])
-    return qLogNoisyExpectedImprovement(
-        model,
-        X_baseline=pruned(model, evaluated, seed, objective=objective, constraints=constraints),
-        sampler=SobolQMCNormalSampler(torch.Size([MONTE_CARLO_SAMPLES]), seed=seed),
-        objective=objective,
-        constraints=constraints,
-        X_pending=running,
-        prune_baseline=False,
-        cache_root=False,
-    )
 
 
 # Many proposals at once by Thompson sampling (Thompson, Biometrika 1933; Kandasamy et al., AISTATS 2018).

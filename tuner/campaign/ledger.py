@@ -153,10 +153,7 @@ class Ledger:
             raise UserError(
                 f"the study {name!r} in {shown} belongs to another campaign; restore the ledger of this one"
             )
-        self._require_all_there()
-
-    def _require_all_there(self) -> None:
-        """Raise `UserError` where the run directory holds a mission that is not among the ledger's."""
+        # Of a ledger that lost its end the run directory holds missions that are not among its own.
         names = sorted(p.name for p in (self._directory / "missions").glob("[0-9]*_*"))
         count = len(self.trials())  # after the listing: the campaign may be running
         unknown = [name for name in names if (n := name.partition("_")[0]).isdigit() and int(n) >= count]

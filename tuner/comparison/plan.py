@@ -78,11 +78,6 @@ class EvaluationPlan:
         return tuple(Instance(rock, condition.name) for condition in self.conditions for rock in self.rocks)
 
     @property
-    def combinations(self) -> int:
-        """Strategies times instances times replicates: as many records has a complete evaluation."""
-        return len(self.strategies) * len(self.instances) * self.replicates
-
-    @property
     def _replicates(self) -> range:
         return range(self.first_replicate, self.first_replicate + self.replicates)
 
@@ -238,7 +233,17 @@ def run_evaluation(
     if evaluated.open and isinstance(executor, MissionPool):
         for config in plan.strategies.values():
             mission_kind(plan.fidelity).require_dense_stage(config)
-    _claim(plan, directory)
+    if _holds_another(plan, directory):
+        raise UserError(f"{directory} holds another evaluation; name another directory with --out")
+    if not (directory / PLAN_FILE).exists():
+        if directory.exists() and (not directory.is_dir() or any(directory.iterdir())):
+            raise UserError(f"{directory} exists and is not an empty directory; choose another directory")
+        try:
+            directory.mkdir(parents=True, exist_ok=True)
+            write_atomic(directory / PLAN_FILE, to_yaml(plan.to_dict()))
+        except OSError as error:
+            why = f"cannot write to {directory}: {error.strerror}; choose another directory"
+            raise UserError(why) from error
     with long_run(directory) as stop:
         run_jobs(evaluated, executor, stop)
     elapsed_s = time.monotonic() - began
@@ -259,17 +264,3 @@ def evaluation_directory(plan: EvaluationPlan, usual: Path) -> Path:
 
 def _holds_another(plan: EvaluationPlan, directory: Path) -> bool:
     return (directory / PLAN_FILE).exists() and EvaluationPlan.load(directory).to_dict() != plan.to_dict()
-
-
-def _claim(plan: EvaluationPlan, directory: Path) -> None:
-    if _holds_another(plan, directory):
-        raise UserError(f"{directory} holds another evaluation; name another directory with --out")
-    if (directory / PLAN_FILE).exists():
-        return
-    if directory.exists() and (not directory.is_dir() or any(directory.iterdir())):
-        raise UserError(f"{directory} exists and is not an empty directory; choose another directory")
-    try:
-        directory.mkdir(parents=True, exist_ok=True)
-        write_atomic(directory / PLAN_FILE, to_yaml(plan.to_dict()))
-    except OSError as error:
-        raise UserError(f"cannot write to {directory}: {error.strerror}; choose another directory") from error

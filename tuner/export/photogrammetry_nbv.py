@@ -137,7 +137,11 @@ def write_scoring(config: MissionConfig) -> tuple[FlatValues, list[Remark]]:
 
     Raises `UserError`: the gate, or a scorer, does not exist there.
     """
-    config = _with_weights_of_selected_scorer(config)
+    if alone := {"covis": ("covis", "b_aware"), "b-aware": ("b_aware", "covis")}.get(config.gate.kind):
+        # The shared weights are those of the scorer that is used.
+        used, idle = alone
+        weights = getattr(config, used).weights
+        config = config.with_values({f"{idle}.weights.{name}": getattr(weights, name) for name in _SHARED})
     values, remarks = {**published("scoring.yaml"), **_values(config, SCORING)}, list[Remark]()
     kind = config.gate.kind
     if kind in MODE_OF_GATE:
@@ -173,17 +177,6 @@ def write_scoring(config: MissionConfig) -> tuple[FlatValues, list[Remark]]:
         ),
     )
     return values, remarks
-
-
-def _with_weights_of_selected_scorer(config: MissionConfig) -> MissionConfig:
-    """Return ``config`` with both scorers having the shared weights of the one that is used alone, where one does."""
-    alone = {"covis": ("covis", "b_aware"), "b-aware": ("b_aware", "covis")}.get(config.gate.kind)
-    if alone is None:
-        return config
-    used, idle = alone
-    return config.with_values(
-        {f"{idle}.weights.{name}": getattr(getattr(config, used).weights, name) for name in _SHARED}
-    )
 
 
 def _geometry_weight(config: MissionConfig) -> tuple[float, list[Remark]]:

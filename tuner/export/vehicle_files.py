@@ -75,21 +75,23 @@ def vehicle_files(exported: Exported) -> list[VehicleFile]:
     lines = commented_yaml(under(config, conditions[0]) if len(conditions) == 1 else config)
     changed = tuple(exported.values)
     ours = VehicleFile(OURS, "\n".join((*_header(exported, changed), *lines, "")), changed, ())
-    return [*(_their_file(name, exported) for name in WRITERS), ours]
-
-
-def _their_file(name: str, exported: Exported) -> VehicleFile:
-    changed = tuple(exported.values)
-    try:
-        values, remarks = WRITERS[name](exported.config)
-    except UserError as error:  # the gate does not exist there
-        return VehicleFile(name, "", (), changed, (str(error),))
-    missing = {remark.key for remark in remarks if not remark.partly}
-    carried = tuple(path for path in changed if path in PARAMETERS[name] and path not in missing)
-    texts = tuple(str(remark) for remark in remarks)
-    header = [*_header(exported, carried), *(f"# does not transfer: {text}" for text in texts)]
-    text = "\n".join((*header, write_text(values, name)))
-    return VehicleFile(name, text, carried, tuple(path for path in changed if path not in carried), texts)
+    theirs = list[VehicleFile]()
+    for name, write in WRITERS.items():
+        try:
+            values, remarks = write(config)
+        except UserError as error:  # the gate does not exist there
+            theirs.append(VehicleFile(name, "", (), changed, (str(error),)))
+            continue
+        missing = {remark.key for remark in remarks if not remark.partly}
+        carried = tuple(path for path in changed if path in PARAMETERS[name] and path not in missing)
+        texts = tuple(str(remark) for remark in remarks)
+        header = [*_header(exported, carried), *(f"# does not transfer: {text}" for text in texts)]
+        text, lost = (
+            "\n".join((*header, write_text(values, name))),
+            tuple(p for p in changed if p not in carried),
+        )
+        theirs.append(VehicleFile(name, text, carried, lost, texts))
+    return [*theirs, ours]
 
 
 def _header(exported: Exported, carried: tuple[str, ...]) -> list[str]:

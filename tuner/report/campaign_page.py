@@ -74,7 +74,9 @@ def write_campaign_report(campaign: Campaign, answer: Answer | None = None) -> P
         raise UserError(f"{directory} has no finished mission; run or resume the campaign first")
     answer = answer or answer_of(campaign)
     found, metric = answer.recommended, metric_label(s.objective.metric)
-    names, evidence = _instance_names(s), evidence_of(campaign, answer.recommended)
+    rocks, evidence = dict(zip(s.rocks, short_names(s.rocks))), evidence_of(campaign, answer.recommended)
+    # ``slab``, or ``slab, field`` where there is more than one condition.
+    names = {i: rocks[i.rock] + f", {i.condition}" * (len(s.conditions) > 1) for i in s.problem.instances}
     fly = "" if answer.fly is None else answer.fly.strategy
     model = campaign.surrogate() if found else None
     main = found[list(found)[-1]] if found else None
@@ -302,16 +304,6 @@ def _ends_too_early(s: CampaignSettings, p: Parameter, values: Mapping[str, Any]
 
 
 # -- missions and model ----------------------------------------------------------------------------------------
-
-
-def _instance_names(s: CampaignSettings) -> dict[Instance, str]:
-    """``slab``, or ``slab, field`` where there is more than one condition."""
-    rocks = dict(zip(s.rocks, short_names(s.rocks)))
-    several = len(s.conditions) > 1
-    return {
-        instance: f"{rocks[instance.rock]}, {instance.condition}" if several else rocks[instance.rock]
-        for instance in s.problem.instances
-    }
 
 
 def _subtitle(s: CampaignSettings) -> str:

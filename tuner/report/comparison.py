@@ -141,7 +141,8 @@ def verdict_lines(facts: ComparisonFacts) -> list[str]:
 def warnings_of(facts: ComparisonFacts) -> list[str]:
     out, run, plan = list[str](), facts.run, facts.plan
     if not run.complete:
-        finished = f"{len(run.records)} of {plan.combinations} missions are finished"
+        every = len(plan.strategies) * len(plan.instances) * plan.replicates
+        finished = f"{len(run.records)} of {every} missions are finished"
         out.append(f"Not complete: {finished}; repeat the command to continue.")
     if run.failures:
         reasons = ", ".join(f"{reason} {n}" for reason, n in run.failures.items())

@@ -13,11 +13,11 @@ from PIL import Image
 from rendered_photographs import FOCAL_35_MM, save, silent
 
 from nbv.errors import UserError
-from nbv.photographs import PhotographSet, Reference, list_sets
+from nbv.photographs import PhotographSet, list_sets
 from nbv.photographs.folder import SourcePhotograph, read_folder, read_pixels
 from nbv.photographs.import_source import ImportSource, find_masks
 from nbv.photographs.importer import common_pinhole, undistorted
-from nbv.photographs.photograph_set import REFERENCE_FILE, read_set
+from nbv.photographs.photograph_set import REFERENCE_FILE, Reference, read_set
 
 
 def picture(index: int, size: tuple[int, int] = (64, 48)) -> Image.Image:

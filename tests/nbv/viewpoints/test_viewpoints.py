@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from nbv.config import MissionConfig, SeedConfig, preset
-from nbv.viewpoints import camera_shell, candidate_pool, raw_candidates, seed_viewpoints
+from nbv.viewpoints import RINGS, camera_shell, raw_candidates, seed_viewpoints
 
 NOWHERE = np.zeros((0, 3))
 VEHICLE = np.array([0.0, -8.0, 3.0])
@@ -88,7 +88,7 @@ def test_what_the_seeds_leave_of_the_photographs_is_planned() -> None:
 )
 def test_pool_positions_equal_the_reference(name: str, count: int, golden: str) -> None:
     z = np.load(GOLDEN / f"{golden}.npz")
-    pool = candidate_pool(preset(name), VEHICLE, NOWHERE)
+    pool = RINGS.candidates(preset(name), VEHICLE, NOWHERE, 0)
     assert len(pool) == count and pool.counts["raw"] == 170
     reference = dict(zip(z["candidate_ids"].tolist(), z["candidates_m"]))
     assert set(pool.ids) == set(reference)
@@ -102,7 +102,7 @@ def test_survivors_obey_every_filter(picks: list[int], x: float, y: float) -> No
     raw = raw_candidates(config)
     visited = np.array([raw[i].position_m for i in picks]).reshape(-1, 3)
     vehicle = np.array([x, y, 2.0])
-    pool = candidate_pool(config, vehicle, visited)
+    pool = RINGS.candidates(config, vehicle, visited, 0)
     counts = list(pool.counts.values())
     assert counts == sorted(counts, reverse=True) and counts[-1] == len(pool)
     if len(pool) == 0:
@@ -133,7 +133,7 @@ def test_what_the_seed_ring_lacks_is_a_candidate_for_predicted_alone_however_low
     paper = preset("campaign").with_values({**values, **registering})
     planned = paper.with_values({"gate.kind": "predicted"})
     here, none = np.array(paper.target_m), np.zeros((0, 3))
-    of_paper, of_planned = (candidate_pool(config, here, none) for config in (paper, planned))
+    of_paper, of_planned = (RINGS.candidates(config, here, none, 0) for config in (paper, planned))
     assert "ring" not in of_paper.bands
     ring = np.array(of_planned.bands) == "ring"
     assert ring.sum() == 36  # three between each two seeds

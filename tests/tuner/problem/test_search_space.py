@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from nbv.config import MissionConfig, preset
 from nbv.errors import UserError
 from nbv.safe_files import parse_yaml
-from nbv.viewpoints import candidate_pool
+from nbv.viewpoints import RINGS
 from tuner.problem.space_files import available_search_spaces, load_search_space, space_from_dict
 
 MIXED = space_from_dict(
@@ -39,8 +39,8 @@ def test_shipped_spaces_start_at_the_papers_values() -> None:
     # Where the space begins nothing is filtered: the paper's pool.
     at = np.array([0.0, -4.0, 2.0]), np.zeros((0, 3))
     paper = preset("paper")
-    unlimited = candidate_pool(paper, *at)
-    assert candidate_pool(pool.config(paper, pool.default(paper)), *at).ids == unlimited.ids
+    unlimited = RINGS.candidates(paper, *at, 0)
+    assert RINGS.candidates(pool.config(paper, pool.default(paper)), *at, 0).ids == unlimited.ids
     assert {"gate", "gate_and_weights", "paper_ten", "full"} <= set(available_search_spaces())
 
 
