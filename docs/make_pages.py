@@ -180,10 +180,13 @@ def _option(option: Any) -> str:
     return f"- `{option.opts[0]}`{_default(option)}: {' '.join((option.help or '').split())}"
 
 
+GROUND_FLOOR = ("errors", "plugins", "process", "provenance", "safe_files", "types")
+
+
 def rooms(package: str) -> nx.DiGraph:
     """The rooms of a package and which imports which; a room's number of files is its ``files``.
 
-    The mission's modules outside rooms (types, errors, ...) are one node, the ground floor.
+    What all rooms of the mission stand on is one node, the ground floor.
     """
     from structure import imports, modules
 
@@ -192,8 +195,8 @@ def rooms(package: str) -> nx.DiGraph:
     for name in paths:
         parts = name.split(".")
         if parts[0] == package and len(parts) > 1:
-            alone = paths[f"{package}.{parts[1]}"].name != "__init__.py"
-            room_of[name] = "ground floor" if alone and package == "nbv" else parts[1]
+            below = package == "nbv" and parts[1] in GROUND_FLOOR
+            room_of[name] = "ground floor" if below else parts[1]
     graph = nx.DiGraph()
     for room in room_of.values():
         graph.add_node(room)
