@@ -38,7 +38,7 @@ def clean_cloud(
       slab depend less on the draw;
     * points below the plane go with it, since nothing of the rock can be seen there;
     * the random draw has a generator of its own (theirs is shared, so that results depend on processing order);
-    * no ground-truth gate here: `nbv.evaluation.metrics` applies it and reports with and without.
+    * no ground-truth gate here: `nbv.evaluation.registry` applies it and reports with and without.
 
     `MissionFailure` ``empty_cloud``: nothing is left.
 

@@ -10,7 +10,7 @@ import collections
 import contextlib
 import dataclasses
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -99,19 +99,13 @@ def evidence_of(campaign: Campaign, found: Mapping[str, Recommendation]) -> Evid
     by_fidelity: dict[bool, list[Trial]] = collections.defaultdict(list)
     by_fidelity[s.fidelity == DEFAULT_FIDELITY] += _own_trials(campaign, _name_by_mission(configs))
     under = {condition.name for condition in s.conditions}
-    for path in itertools.chain(
-        *(sorted(campaign.directory.glob(f"{what}*/{PLAN_FILE}")) for what in (EVALUATION, CONFIRMATION))
-    ):
-        try:
-            plan = EvaluationPlan.load(path.parent)
-        except UserError:  # another program's folder, or a plan that was damaged since
-            continue
+    for directory, plan in _plans(campaign.directory):
         names = _names_in(plan, configs)
         for name in names.values():
             configs.setdefault(name, plan.strategies[next(n for n, now in names.items() if now == name)])
         by_fidelity[plan.fidelity == DEFAULT_FIDELITY] += [
             dataclasses.replace(r, strategy=names[r.strategy])
-            for r in plan.records(path.parent)
+            for r in plan.records(directory)
             if r.strategy in names and r.condition in under
         ]
     # Each mission once under every strategy that flies it.
@@ -147,6 +141,13 @@ def _own_trials(campaign: Campaign, names: Mapping[str, str]) -> list[Trial]:
         if t.record.status and name_at[key]:
             records.append(dataclasses.replace(t, strategy=name_at[key]))
     return records
+
+
+def _plans(directory: Path) -> Iterable[tuple[Path, EvaluationPlan]]:
+    for what in (EVALUATION, CONFIRMATION):
+        for path in sorted(directory.glob(f"{what}*/{PLAN_FILE}")):
+            with contextlib.suppress(UserError):  # another program's folder, or a plan that was damaged since
+                yield path.parent, EvaluationPlan.load(path.parent)
 
 
 def _names_in(plan: EvaluationPlan, configs: Mapping[str, MissionConfig]) -> dict[str, str]:

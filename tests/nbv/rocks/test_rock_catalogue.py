@@ -18,8 +18,8 @@ from nbv.rocks.recipes import RECIPES
 def home(tmp_path, monkeypatch):
     """An empty folder for rocks, and coarse, quick procedural ones."""
     monkeypatch.setenv("GATETUNE_HOME", str(tmp_path / "home"))
-    made = procedural._made
-    monkeypatch.setattr(procedural, "_made", lambda name, recipe, grid_m: made(name, recipe, 0.04))
+    surface = procedural._surface
+    monkeypatch.setattr(procedural, "_surface", lambda recipe, grid_m: surface(recipe, 0.04))
     LOADED.clear()
     yield tmp_path / "home"
     LOADED.clear()
@@ -37,7 +37,7 @@ def test_a_procedural_rock_is_generated_once_and_read_back(home, monkeypatch):
     first = load_rock("waist", Store())
     assert load_rock("waist", Store()) is first  # in memory
     LOADED.clear()
-    monkeypatch.setattr(procedural, "_made", lambda *_: pytest.fail("generated twice"))
+    monkeypatch.setattr(procedural, "_surface", lambda *_: pytest.fail("generated twice"))
     again = load_rock("waist", Store())
     assert again.sha256 == first.sha256
     np.testing.assert_array_equal(again.vertices_m, first.vertices_m)

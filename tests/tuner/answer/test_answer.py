@@ -227,7 +227,7 @@ def test_the_table_has_a_column_for_each_kind_of_target() -> None:
 def test_the_surrogate_is_asked_from_python(campaign: Campaign) -> None:
     mean, low, high = campaign.predict({"gate.geometry_scorer": "predicted"})
     assert low < mean < high
-    with pytest.raises(UserError, match="not tuned"):
+    with pytest.raises(UserError, match="not in the search space"):
         campaign.predict({"gate.kind": "random"})
     with pytest.raises(UserError, match=r"seeds is 400"):
         campaign.predict({"seeds": 400})

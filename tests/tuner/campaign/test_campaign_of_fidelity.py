@@ -40,7 +40,7 @@ def in_process(monkeypatch):
     monkeypatch.setattr(plugins, "_registered", dict(plugins._registered))
     plugins.register("fidelities", "toy", toy)
     monkeypatch.setattr("tuner.commands.campaign.executor_at", lambda *_: InProcessExecutor())
-    monkeypatch.setattr("tuner.comparison.of_campaign.local_pool", lambda *_: InProcessExecutor())
+    monkeypatch.setattr("tuner.commands.evaluate.local_pool", lambda *_: InProcessExecutor())
 
 
 def run(directory, **changes):

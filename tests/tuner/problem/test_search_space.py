@@ -100,7 +100,10 @@ GOOD = D95 + "{kind: float, low: 0.01, high: 1.0, scale: log}\n"
             GOOD + "begin:\n  - {gate.d95_m: 7}",
             r"begin: gate.d95_m is 7, outside of the search space: \[0.01, 1\]",
         ),
-        (GOOD + "begin:\n  - {photographs: 30}", "outside the parameters gate.d95_m"),
+        (
+            GOOD + "begin:\n  - {photographs: 30}",
+            "'photographs' is not in the search space; it has gate.d95_m",
+        ),
         ("parametres:\n  gate.d95_m: {low: 0.1, high: 1.0}", "unknown key 'parametres'"),
         ("parameters: {}", "at least one parameter"),
         ("", "mapping with the key 'parameters'"),
