@@ -69,11 +69,6 @@ class RayCaster:
         """(N,) exact unsigned distance from each point (N, 3) to the surface."""
         return self._scene.compute_distance(_tensor(points_m, np.float32), nthreads=1).numpy().astype(float)
 
-    def nearest(self, points_m: NDArray[np.floating]) -> tuple[Floats32, Floats]:
-        """(N, 3) the place of the surface nearest to each point (N, 3), and (N, 3) its unit normal there."""
-        closest = self._scene.compute_closest_points(_tensor(points_m, np.float32), nthreads=1)
-        return closest["points"].numpy(), closest["primitive_normals"].numpy().astype(float)
-
 
 def _tensor(values: NDArray[Any], dtype: type = np.float32) -> Any:
     # A copy where the array is read-only, as rocks are: Open3D would not take it.
