@@ -34,7 +34,7 @@ from nbv.rocks.families import generated_name
 from nbv.rocks.recipes import RECIPES
 from nbv.safe_files import remove, write_atomic
 from tuner.missions.job import MissionJob, Trial, load_trial
-from tuner.missions.pool import MAX_WORKERS, Executor, MissionPool
+from tuner.missions.pool import MAX_WORKERS, Executor, MissionPool, settle
 from tuner.missions.registry import code_of, mission_kind
 
 _CONNECT_S = 20.0
@@ -102,18 +102,7 @@ class DaskPool(Executor):
         future: futures.Future[Trial] = futures.Future()
         future.add_done_callback(functools.partial(self._forget, task))
         began = time.monotonic()
-
-        def ended(task: distributed.Future) -> None:
-            try:
-                trial = self._trial(job, task, began)
-            except BaseException as error:
-                with contextlib.suppress(futures.InvalidStateError):  # it was cancelled
-                    future.set_exception(error)
-            else:
-                with contextlib.suppress(futures.InvalidStateError):
-                    future.set_result(trial)
-
-        task.add_done_callback(ended)
+        task.add_done_callback(lambda ended: settle(future, lambda: self._trial(job, ended, began)))
         return future
 
     def _forget(self, task: distributed.Future, future: futures.Future[Trial]) -> None:

@@ -12,6 +12,7 @@ import abc
 import contextlib
 import errno
 import faulthandler
+import functools
 import multiprocessing
 import os
 import signal
@@ -20,7 +21,7 @@ import threading
 import time
 import traceback
 import types
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import Future, InvalidStateError
 from multiprocessing import forkserver, resource_tracker
 from multiprocessing.connection import Connection, wait
@@ -90,6 +91,17 @@ class Executor(abc.ABC):
         self.close()
 
 
+def settle(future: Future[Trial], trial: Callable[[], Trial]) -> None:
+    """Give a future what ``trial`` returns or raises, unless it was cancelled meanwhile."""
+    with contextlib.suppress(InvalidStateError):
+        try:
+            ended = trial()
+        except BaseException as error:
+            future.set_exception(error)
+        else:
+            future.set_result(ended)
+
+
 class MissionPool(Executor):
     """Missions in processes of this machine; the first pool's ``fidelity`` says what is loaded for all of them."""
 
@@ -113,22 +125,13 @@ class MissionPool(Executor):
         remove(job.directory / RESULT)  # which an earlier, unfinished attempt may have left
         future: Future[Trial] = Future()
         # A thread each, which nobody waits for at the end of the program: it waits for one mission.
-        threading.Thread(target=self._run, args=(job, job.to_dict(), future), daemon=True).start()
+        trial = functools.partial(self._trial, job, job.to_dict(), future)
+        threading.Thread(target=settle, args=(future, trial), daemon=True).start()
         return future
 
     def close(self) -> None:
         for worker in (*self._busy, *self._idle):
             worker.kill()
-
-    def _run(self, job: MissionJob, order: dict[str, Any], future: Future[Trial]) -> None:
-        try:
-            trial = self._trial(job, order, future)
-        except BaseException as error:
-            with contextlib.suppress(InvalidStateError):  # it was cancelled
-                future.set_exception(error)
-        else:
-            with contextlib.suppress(InvalidStateError):
-                future.set_result(trial)
 
     def _trial(self, job: MissionJob, order: dict[str, Any], future: Future[Trial]) -> Trial:
         try:
