@@ -29,10 +29,9 @@ from tuner.problem.baselines import (
     label,
 )
 from tuner.problem.intervals import MIN_ROCKS, Interval
-from tuner.recommendation.recommendation import Recommendation
+from tuner.recommendation.recommendation import MORE_FAILURES, Recommendation
 
 ANSWER_FILE = "answer.json"
-MORE_FAILURES = 2  # from which on one plan fails more often than another: a single one may be chance
 # Phases of trials, as a reader calls what chose them.
 CHOSEN_BY = {
     "default": "baselines",
@@ -241,8 +240,7 @@ def flight_of(evidence: Evidence, found: Mapping[str, Recommendation], number: i
     """Return what to fly: the simplest plan, unless another one is shown to be better on the missions that both flew."""
     tuned = [name for name in ANSWERS if name in found and evidence.missions(name)]
     plans = [*plain_plans(evidence, number), *tuned]
-    missing = [name for name in tuned if (limit := found[name].limit) is not None and not limit.satisfied]
-    plans = [name for name in plans if name not in missing] or plans
+    plans = [name for name in plans if name not in tuned or not found[name].missed] or plans
     if not plans:
         return None
     fly = plans[0]
@@ -290,7 +288,7 @@ def next_step(
             f"Finish it: {status.remaining} of {status.budget} missions are left.",
             f"gatetune campaign resume {run}",
         )
-    if any(each.limit is not None and not each.limit.satisfied for each in found.values()):
+    if any(each.missed for each in found.values()):
         return Next(
             "Run more missions, or relax the constraint: nothing that was run is known to meet it.",
             f"gatetune campaign resume {run} --missions {2 * status.budget}",

@@ -44,9 +44,6 @@ errors = Console(stderr=True, markup=False, emoji=False)
 PRESET_NAMES = ", ".join(PRESETS)  # help of --preset
 CONDITION_HELP = "Condition, a name or a YAML file."
 LOADING_ROCKS = "loading rocks; one that is used for the first time is made and kept"
-# By what missions run on.
-
-
 _SLOW_S, _PER_SECOND = 1.5, 2.0
 _ENOUGH = 6  # missions from which on the time left is estimated
 _NAMED = 2  # missions in flight that a line names
@@ -114,11 +111,11 @@ class MissionProgress(Progress):
             refresh_per_second=_PER_SECOND,
         )
         self._first: int | None = None  # missions that had finished before this session
-        self._running: dict[str, tuple[str, Path | None]] = {}
+        self._running: dict[str, tuple[str, Path]] = {}
         self._counts = ""
         self._missions = self.add_task("", total=total, left="")
 
-    def launched(self, key: str, label: str, directory: Path | None = None) -> None:
+    def launched(self, key: str, label: str, directory: Path) -> None:
         self._running[key] = label, directory
 
     def ended(self, key: str, line: str) -> None:
@@ -152,10 +149,10 @@ class MissionProgress(Progress):
         return super().get_renderables()
 
 
-def _how_far(directory: Path | None) -> str:
+def _how_far(directory: Path) -> str:
     """``" (photograph 12/32)"``; empty for a mission that has not written its progress yet."""
     try:
-        lines = (directory / PROGRESS).read_text().splitlines() if directory else []
+        lines = (directory / PROGRESS).read_text().splitlines()
     except (OSError, UnicodeDecodeError):
         return ""
     return f" (photograph {lines[-1]})" if lines else ""

@@ -81,8 +81,8 @@ def export(
     campaign = Campaign.open(run, read_only=True)
     campaign.recommended()  # says where there is none
     answer = answer_of(campaign)
-    limit = list(answer.recommended.values())[-1].limit
-    if to is not None and limit is not None and not limit.satisfied and not anyway:
+    limit = list(answer.recommended.values())[-1].missed
+    if to is not None and limit is not None and not anyway:
         sign = "<=" if limit.direction == "minimise" else ">="
         raise UserError(
             f"no configuration that was run is likely to meet {limit.metric} {sign} {limit.limit:g}; the nearest "
@@ -106,8 +106,7 @@ def export(
             _say(f"{f.name} carries {f.share}" if f.text else f.remarks[0])
         most = max(files.values(), key=lambda f: (f.name != OURS and bool(f.carried), len(f.carried)))
         options = ["--to", most.name, *(() if strategy is None else ("--strategy", strategy))]
-        limits = [each.limit for each in answer.recommended.values() if each.limit is not None]
-        options += ["--anyway"] if any(not limit.satisfied for limit in limits) else []
+        options += ["--anyway"] if any(each.missed for each in answer.recommended.values()) else []
         first = shlex.join(["gatetune", "export", str(run), *options])
         _say(f"write the first: {first}")
         listed = [

@@ -37,7 +37,6 @@ from tuner.problem.search_space import TUNED
 from tuner.recommendation.recommendation import Recommendation
 
 AT_THE_END = 1  # replicates of the comparison that a campaign ends in
-MARGIN = 1.0  # loss of quality that counts as none where there is a constraint: percent points of F-score
 EVALUATION, CONFIRMATION = "evaluation", "confirmation"  # where a campaign's comparisons lie
 TABLE_I = Goal(Objective("whole.completeness_48mm"))
 
@@ -230,8 +229,8 @@ def _notes(found: Mapping[str, Recommendation]) -> tuple[str, ...]:
     ]
     notes += [
         f"Nothing that the campaign ran is known to meet its constraint: {label(name)} comes nearest to it, with probability "
-        f"{best.limit.probability:.0%}."
+        f"{limit.probability:.0%}."
         for name, best in found.items()
-        if best.limit is not None and not best.limit.satisfied
+        if (limit := best.missed) is not None
     ]
     return tuple(notes)

@@ -17,9 +17,8 @@ from typing import Any
 
 from nbv.config import MissionConfig
 from nbv.errors import UserError
-from nbv.mission.result import value_at_path
 from nbv.safe_files import read_yaml, to_yaml
-from tuner.problem.goal import dotted
+from tuner.problem.goal import by_dotted_path
 
 FlatValues = dict[str, Any]
 PUBLISHED = Path(__file__).with_name("published")
@@ -126,7 +125,7 @@ def published(kind: str) -> Mapping[str, Any]:
     tree = read_yaml(PUBLISHED / kind)
     for part in FILES[kind]:
         tree = tree[part]
-    return {path: value_at_path(tree, path) for path in dotted(tree, of=object)}
+    return by_dotted_path(tree)
 
 
 # -- values ----------------------------------------------------------------------------------------------------

@@ -13,6 +13,7 @@ from nbv.safe_files import write_atomic
 from tuner.campaign.campaign import Campaign
 from tuner.comparison.plan import EvaluationRun
 from tuner.missions.job import Trial
+from tuner.problem.goal import by_dotted_path
 
 _FORMULA = ("=", "+", "-", "@", "\t", "\r")  # with which a spreadsheet takes a text for a formula
 
@@ -60,13 +61,8 @@ def _of_campaign(t: Trial, run: Path) -> dict[str, Any]:
 
 def _flat(prefix: str, tree: Mapping[str, Any]) -> dict[str, Any]:
     """Return the leaves of a tree, whose names may be paths themselves, without lists."""
-    out: dict[str, Any] = {}
-    for key, value in tree.items():
-        if isinstance(value, Mapping):
-            out |= _flat(f"{prefix}.{key}", value)
-        elif value is None or isinstance(value, (str, int, float, bool)):
-            out[f"{prefix}.{key}"] = value
-    return out
+    leaves = by_dotted_path(tree, f"{prefix}.")
+    return {path: v for path, v in leaves.items() if v is None or isinstance(v, (str, int, float, bool))}
 
 
 def write_rows(

@@ -14,7 +14,7 @@ from nbv.safe_files import to_yaml
 from tuner.campaign.campaign import Campaign
 from tuner.export.photogrammetry_nbv import PARAMETERS, write_mission, write_scoring, write_text
 from tuner.problem.baselines import label as strategy_label
-from tuner.problem.goal import dotted
+from tuner.problem.goal import by_dotted_path
 from tuner.problem.observations import changes, short
 from tuner.problem.search_space import value_at
 from tuner.recommendation.recommendation import Recommendation
@@ -40,18 +40,13 @@ class Exported:
     @cached_property
     def values(self) -> dict[str, Any]:
         """The values that differ from the default's and have an effect, by path."""
-        values, default = _flat(self.config), _flat(self.default)
+        values, default = (by_dotted_path(config.to_dict()) for config in (self.config, self.default))
         return {path: values[path] for path in changes(values, {**values, **default})}
 
     def change(self, path: str) -> str:
         """``seeds 14 (default 24)``."""
         values = (short(value_at(config, path)) for config in (self.config, self.default))
         return "{} {} (default {})".format(path, *values)
-
-
-def _flat(config: MissionConfig) -> dict[str, Any]:
-    """Every value by its path."""
-    return {path: value_at(config, path) for path in dotted(config.to_dict(), of=object)}
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ import contextlib
 import difflib
 import math
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
@@ -55,15 +55,13 @@ def direction_of(metric: str) -> Direction:
     )
 
 
-def dotted(
-    metrics: Mapping[str, Any], prefix: str = "", of: type | tuple[type, ...] = (int, float)
-) -> Iterator[str]:
-    """Return the path of every number in a mission's metrics, or of whatever is ``of`` another type."""
-    for name, value in metrics.items():
-        if isinstance(value, Mapping):
-            yield from dotted(value, f"{prefix}{name}.", of)
-        elif isinstance(value, of):
-            yield f"{prefix}{name}"
+def by_dotted_path(tree: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+    """Return the leaves of a tree, such as a mission's metrics, by dotted path; names may be paths themselves."""
+    leaves = dict[str, Any]()
+    for name, value in tree.items():
+        inner = isinstance(value, Mapping)
+        leaves |= by_dotted_path(value, f"{prefix}{name}.") if inner else {f"{prefix}{name}": value}
+    return leaves
 
 
 @dataclass(frozen=True)
@@ -110,7 +108,7 @@ class Objective:
             return None, "mission failed"
         value = self.measure(metrics)
         if value is None:
-            there = self.metric in dotted(metrics, of=object)
+            there = self.metric in by_dotted_path(metrics)
             return None, f"{'metric_not_a_number' if there else 'metric_missing'}: {self.metric}"
         return value, ""
 

@@ -33,13 +33,12 @@ from tuner.problem.observations import (
 )
 from tuner.problem.search_space import Problem, Region, Values
 from tuner.problem.standardise import FEW
-from tuner.recommendation.recommendation import Limit, Outlier, Recommendation
+from tuner.recommendation.recommendation import MORE_FAILURES, Limit, Outlier, Recommendation
 from tuner.surrogate.fit import Posterior, interval_95, numerics, probability_positive
 from tuner.surrogate.model import InstanceMeanGP
 
 TOP = 5
 MAY_KEEP = 0.5  # where nothing meets the constraint: probability from which on the likeliest is taken
-MORE_FAILURES = 2  # from which on one plan fails more often than another: a single one may be chance
 JOINT = 600  # configurations, over instances, whose joint posterior is computed; it grows with the square
 EXPECTED_LOSS = 0.25  # of the noise of a mission
 RISK_OF_LOSS = 0.05

@@ -12,6 +12,8 @@ import msgspec
 from tuner.problem.goal import Direction
 from tuner.problem.observations import changes, short
 
+MORE_FAILURES = 2  # from which on one plan fails more often than another: a single one may be chance
+
 
 @dataclass(frozen=True)
 class Limit:
@@ -105,6 +107,11 @@ class Recommendation:
     def changed(self) -> tuple[str, ...]:
         """Paths whose values differ from the default's and have an effect."""
         return changes(self.values, self.default_values)
+
+    @property
+    def missed(self) -> Limit | None:
+        """The limit, where the recommendation cannot be taken to meet it."""
+        return None if self.limit is None or self.limit.satisfied else self.limit
 
     def to_dict(self) -> dict[str, Any]:
         return dataclasses.asdict(self)

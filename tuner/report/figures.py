@@ -22,7 +22,7 @@ from nbv.types import Floats
 from nbv.viewpoints import raw_candidates, seed_viewpoints
 from tuner.problem.observations import short
 from tuner.problem.search_space import Parameter
-from tuner.report.labels import MetricLabel, parameter_label
+from tuner.report.labels import Label, parameter_label
 from tuner.surrogate.model import InstanceMeanGP
 
 # One look for all figures: colour-blind-safe palette, print-friendly, no interactive backend.
@@ -121,7 +121,7 @@ def plan_figure(config: MissionConfig) -> Figure:
 
 def draw_outcomes(
     trials: Mapping[str, Sequence[tuple[float, float | None, str]]],
-    label: MetricLabel,
+    label: Label,
     x: str,
     sign: float = 0.0,
 ) -> str:
@@ -161,7 +161,7 @@ def draw_slices(
     model: InstanceMeanGP,
     parameters: Sequence[Parameter],
     values: Mapping[str, Any],
-    label: MetricLabel,
+    label: Label,
     sign: float,
 ) -> list[str]:
     """The posterior of the mean over the instances along every parameter, the others as in ``values``; the steepest first.
@@ -210,7 +210,7 @@ def draw_contour(
     means: Floats,
     values: Mapping[str, Any],
     seen_m: tuple[float, float] | None,
-    label: MetricLabel,
+    label: Label,
     sign: float,
 ) -> str:
     """The posterior mean over the gate's two thresholds, (d95, fraction), and between which d95 the gate switches.
@@ -231,7 +231,7 @@ def draw_contour(
     return embed(figure)
 
 
-def draw_best_so_far(points: Sequence[tuple[int, float]], label: MetricLabel) -> str:
+def draw_best_so_far(points: Sequence[tuple[int, float]], label: Label) -> str:
     """The best posterior mean, by the final surrogate, of what had run by each trial."""
     with look():
         figure = new_figure(4.4, 3.2)

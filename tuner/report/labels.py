@@ -38,7 +38,6 @@ class Row(NamedTuple):
 
     name: str
     cells: tuple[Cell, ...] = ()
-    note: str = ""  # small, below the name, on wide pages alone
     best: bool = False
 
 
@@ -95,12 +94,12 @@ COSTS = {
 
 
 @dataclass(frozen=True)
-class MetricLabel:
-    """How a metric is written. ``unit`` is of the value, ``difference_unit`` of a difference of two values."""
+class Label:
+    """How a metric or a parameter is written. ``unit`` is of the value, ``difference_unit`` of a difference of two values."""
 
-    name: str  # "F-score @ 48 mm"
+    name: str  # "F-score @ 48 mm", "Gate: budget fraction"
     unit: str  # "%", "mm", "" ...
-    surface: str  # "observable surface", ...; empty if the metric has none
+    surface: str = ""  # "observable surface", ...; empty if the metric has none
 
     @property
     def full(self) -> str:
@@ -161,10 +160,10 @@ def difference_text(d: Interval | None, digits: int = 1, *, signed: bool = True)
     return MISSING if d is None else bracketed(d.mean, d.low, d.high, digits, signed=signed)
 
 
-def gain_words(gain: float, unit: str, digits: int = 1) -> str:
+def gain_words(gain: float, unit: str) -> str:
     """``a gain of 3.2 points``, ``a loss of 3.2 points``; ``no difference`` where it is rounded to nothing."""
-    size = with_unit(abs(gain), unit, digits)
-    return "no difference" if round(gain, digits) == 0 else f"a {'gain' if gain > 0 else 'loss'} of {size}"
+    size = with_unit(abs(gain), unit)
+    return "no difference" if round(gain, 1) == 0 else f"a {'gain' if gain > 0 else 'loss'} of {size}"
 
 
 def ceiling_text(ceiling: Interval, plain: str, *, room: bool) -> str:
@@ -203,7 +202,7 @@ def decimals_for(spread: float, significant: int = 2) -> int:
     return decimals if decimals < -LARGE else max(1, decimals)
 
 
-def metric_label(path: str) -> MetricLabel:
+def metric_label(path: str) -> Label:
     """Label of a metric path of ``MissionResult.metrics`` such as ``observable.f_score_48mm``.
 
     Unknown paths are shown as they are, with the unit that their ending tells.
@@ -213,17 +212,17 @@ def metric_label(path: str) -> MetricLabel:
         prefix = []  # no surface
         if key in COSTS:
             name, unit = COSTS[key]
-            return MetricLabel(name, unit, "")
+            return Label(name, unit)
     surface = ", ".join(SURFACES.get(part) or part for part in reversed(prefix))
     floor = "_floor_mm" if key.endswith("_floor_mm") else ""
     if known := find_metric(f"{key.removesuffix(floor)}_mm" if floor else key):
         metric, name = known
         name = f"{name}, the rock's own floor" if floor else name
-        return MetricLabel(name, metric.unit, surface)
+        return Label(name, metric.unit, surface)
     for ending, unit in (("_mm", "mm"), ("_m", "m"), ("_s", "s"), ("_deg", "°"), ("_px", "px")):
         if key.endswith(ending):
-            return MetricLabel(_words(key.removesuffix(ending)), unit, surface)
-    return MetricLabel(_words(key), "", surface)
+            return Label(_words(key.removesuffix(ending)), unit, surface)
+    return Label(_words(key), "", surface)
 
 
 def measure_text(metric: str, fidelity: str, rocks: Sequence[str], conditions: Sequence[str]) -> str:
@@ -236,20 +235,14 @@ def measure_text(metric: str, fidelity: str, rocks: Sequence[str], conditions: S
     return f"{text}; condition{'s' if len(conditions) > 1 else ''} {', '.join(conditions)}"
 
 
-@dataclass(frozen=True)
-class ParameterLabel:
-    name: str  # "Gate: budget fraction"
-    unit: str
-
-
-def parameter_label(path: str) -> ParameterLabel:
+def parameter_label(path: str) -> Label:
     """Label of a parameter path of ``MissionConfig``; other names as they are."""
     try:
         about = parameter(path)
     except UserError:
-        return ParameterLabel(path, "")
+        return Label(path, "")
     section, name = about.section.replace("_", "-").capitalize(), about.label or about.words
-    return ParameterLabel(f"{section}: {name}" if section else name, about.unit)
+    return Label(f"{section}: {name}" if section else name, about.unit)
 
 
 def _words(key: str) -> str:

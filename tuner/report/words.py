@@ -14,7 +14,7 @@ from tuner.problem.observations import short
 from tuner.problem.search_space import TUNED_GATE
 from tuner.report.labels import (
     Cell,
-    MetricLabel,
+    Label,
     Row,
     Table,
     bracketed,
@@ -55,13 +55,8 @@ def sentences(answer: Answer) -> list[str]:
 
 
 def _what(answer: Answer, fly: Advice) -> str:
-    missed = [
-        each.limit
-        for each in answer.recommended.values()
-        if each.limit is not None and not each.limit.satisfied
-    ]
-    if missed:
-        limit = missed[0]
+    limit = next(filter(None, (each.missed for each in answer.recommended.values())), None)
+    if limit is not None:
         bound = limit_text(limit.metric, limit.direction, limit.limit)
         return f"No configuration that was run is likely to meet the constraint ({bound}); the nearest misses it by {limit.missed_by:.3g}."
     plan = plan_words(answer.configs[fly.strategy])
@@ -176,10 +171,10 @@ def table_lines(table: AnswerTable, metric: str, fly: str = "", *, narrow: bool 
         texts = [
             *(() if narrow else [format_number(c, 0) for c in (row.photographs, row.planned, row.flight_s)]),
             *(format_number(row.means.get(m), digits) for m in means),
-            difference_text(row.from_reference, digits) if row.from_reference else "–",
+            difference_text(row.from_reference, digits),
         ]
         if against_plain:
-            texts.append(difference_text(row.from_baseline, digits) if row.from_baseline else "–")
+            texts.append(difference_text(row.from_baseline, digits))
         flown = row.strategy == fly
         name = f"{FLY_MARK} {row.label}" if flown else f"  {row.label}"
         rows.append(Row(name, tuple(map(Cell, texts)), best=flown))
@@ -238,7 +233,7 @@ def interval_words(gains: Sequence[Interval]) -> str:
     return f"95 % intervals {', '.join(methods)}"
 
 
-def parameters_table(name: str, rows: Sequence[ParameterRow], metric: MetricLabel) -> Table:
+def parameters_table(name: str, rows: Sequence[ParameterRow], metric: Label) -> Table:
     """What was found: the paper's value, the tuned one, what is as good, and what the change earned, by the model."""
     lines = [
         [
