@@ -335,17 +335,3 @@ def test_the_rows_above_name_parameters_that_there_are():
     }
     exempt = {*UNSEEN, *PLANNED_BY, *(path for paths in WITHOUT_EFFECT.values() for path in paths)}
     assert rows | exempt | {*BALL, *SMALL} <= {*parameters(), "rock"}
-
-
-@pytest.mark.parametrize(
-    ("refusal", "passes"),
-    [("gate.d95_m is -1; it must be", True), ("gate.d95_mm is -1; it must", False), ("-1 is refused", False)],
-)
-def test_a_refusal_that_does_not_name_the_parameter_fails(refusal: str, passes: bool) -> None:
-    def fly(values: str) -> str:
-        if "-1" in values:
-            raise UserError(refusal)
-        return values
-
-    with nullcontext() if passes else pytest.raises(AssertionError):
-        check(GeometricFidelity, fly, "gate.d95_m", {}, -1)

@@ -29,13 +29,6 @@ def textured(seed=0):
     return np.repeat(grey[..., None], 3, axis=2)
 
 
-def test_a_featureless_image_has_no_features():
-    for value in (0, 255):
-        features = extract_features(np.full((240, 320, 3), value, np.uint8), SparseConfig())
-        assert len(features) == 0
-        assert features.keypoints.shape == (0, 4) and features.descriptors.shape == (0, 128)
-
-
 def test_pixel_centres_are_at_half_integers():
     """The centre of pixel (column 100, row 70) is (100.5, 70.5), as COLMAP's cameras expect."""
     image = np.full((150, 200), 20.0)

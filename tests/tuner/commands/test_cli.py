@@ -156,14 +156,6 @@ def test_what_ran_out_is_one_line(error, says, monkeypatch, capsys):
     assert says in capsys.readouterr().err
 
 
-def test_an_interruption_is_one_line(gatetune, monkeypatch):
-    def interrupt(*_: object) -> None:
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr("tuner.commands.config.mission_config", interrupt)
-    assert gatetune("config", "show")[::2] == (130, "interrupted\n")
-
-
 def test_this_machine_can_fly(gatetune):
     out = gatetune.ok("doctor")
     assert out.splitlines()[-1] == "missions can be run here"

@@ -27,7 +27,6 @@ from tuner.report.campaign_page import reproduce_command
 from tuner.report.comparison import (
     cell,
     result_tables,
-    table_i,
     verdict_lines,
     warnings_of,
     write_comparison_report,
@@ -111,8 +110,6 @@ def test_campaign_of_failures_alone_has_a_page(tmp_path: Path) -> None:
     assert 'id="tuned-1"' not in page.read_text()
 
 
-PAPER_ROWS = [f"{name} ↓ (mm)" for name in ("Hausdorff", "Mean C2C", "Median C2C", "P95 C2C")]
-PAPER_ROWS += ["Completeness ↑ (%)", "F-score ↑ (%)"] * 2
 LEVELS = {"covis": 60.0, "b-aware": 55.0, "hyb-h": 58.0, "hyb-o": 66.0}
 
 
@@ -120,22 +117,6 @@ def printed(table: Table, width: int) -> str:
     console = Console(file=io.StringIO(), width=width)
     console.print(*table.for_terminal())
     return console.file.getvalue()
-
-
-def test_table_one_has_its_layout() -> None:
-    table = comparison_table(made_run(LEVELS).records, tuple(LEVELS), "hyb-h")
-    lines = [line for line in table_i(table, "", paper=True).rows if line.cells]
-    metrics = [line for line in lines if line.name in PAPER_ROWS]
-    assert [line.name for line in metrics] == PAPER_ROWS
-    for line in metrics:
-        assert [c.best for c in line.cells] == [False, False, False, True]  # hyb-o leads in all
-        assert all(re.fullmatch(r"\[.+, .+\]", c.below[0]) for c in line.cells)
-    f_score = table.rows[5].cells["covis"]
-    covis, _, reference, _ = metrics[5].cells
-    assert covis.text == f"{f_score.mean:.1f}"
-    assert covis.below[:2] == (f"[{f_score.low:.1f}, {f_score.high:.1f}]", "paper 72.0")
-    assert covis.below[2].startswith("+") and reference.below[1:] == ("paper 67.0",)
-    assert [c.text for c in lines[-1].cells] == ["12"] * 4
 
 
 def test_differences_keep_the_sign_and_verdicts_the_direction() -> None:
@@ -154,20 +135,6 @@ def test_no_interval_no_verdict() -> None:
     (row,) = facts.judged
     assert kind_of(row.from_reference) is Verdict.NO_INTERVAL and row.from_reference.mean > 5.0
     assert any("no result here carries over to other rocks" in warning for warning in warnings_of(facts))
-
-
-def test_terminal_tables() -> None:
-    facts = made_facts(made_run(LEVELS, failed=(("covis", "slab", 1),)))
-    for width in (80, 140):
-        text = printed(table_i(facts.tables["whole"], "Table I", paper=True, differences=False), width)
-        assert "paper 535.1" in text and "11 + 1 failed" in text and "Thresholded @ 80 mm" in text
-        assert max(map(len, text.splitlines())) <= width and "…" not in text
-    names = ("tuned", "movement-only", *LEVELS, "predicted", "greedy-oracle", "random")
-    run = made_run({name: 60.0 + 1.5 * i for i, name in enumerate(names)}, noise=0.5)
-    (table,) = result_tables(made_facts(run), narrow=True)
-    text = printed(table, 80)
-    assert max(map(len, text.splitlines())) <= 80 and "…" not in text
-    assert all(c.text in text for row in table.rows for c in row.cells)
 
 
 def test_strategies_that_took_the_same_photographs_are_marked_everywhere(tmp_path: Path) -> None:
