@@ -257,12 +257,6 @@ def test_the_error_that_gps_tells_holds_the_truth(altitudes: str, noise_m: float
     assert find_scale(model, source, of_model) == ("model", 2.0, [])
 
 
-def test_metres_per_unit_are_of_a_model() -> None:
-    for model, height_m in ((None, None), (Path("model"), 1.0)):
-        assert "--metres-per-unit is of the model" in refusal(ImportOptions, model, None, height_m, 1.0)
-    assert "metres_per_unit is 0" in refusal(ImportOptions, Path("model"), None, None, 0.0)
-
-
 METASHAPE = "File > Export > Export Cameras as Colmap"
 
 
@@ -316,11 +310,6 @@ def test_a_colmap_model_is_what_it_was_written_from(tmp_path: Path, text: bool) 
     if text:
         (tmp_path / "images.txt").write_text("1 2 three\n")
         assert "cannot be read" in refusal(read_model, tmp_path, source)
-
-
-def test_a_bad_name_is_that_of_a_set(tmp_path: Path) -> None:
-    said = refusal(import_photographs, tmp_path, "My Set", ImportOptions(), silent)
-    assert "'My Set' cannot name a set of photographs" in said
 
 
 @pytest.mark.parametrize(

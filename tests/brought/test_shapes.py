@@ -84,8 +84,6 @@ SHAPES = {
     "triangles.ply": (l_ply(), 22.2, 5.4),
     "binary.ply": (l_ply(binary=True), 22.2, 5.4),
     "polygons.ply": (l_ply(POLYGONS), MORE),
-    "binary_polygons.ply": (l_ply(POLYGONS, binary=True), MORE),
-    "mixed.ply": (l_ply(MIXED), MORE),
     "binary_mixed.ply": (l_ply(MIXED, binary=True), MORE),
     "beyond.ply": (l_ply(BEYOND), NOT_HELD),
     "binary_beyond.ply": (l_ply(BEYOND, binary=True), NOT_HELD),
@@ -96,7 +94,6 @@ SHAPES = {
     "cr.off": (l_off(end="\r"), 22.2, 5.4),
     "colours.off": (l_off(color=" 255 0 0 255", kind="COFF"), 22.2, 5.4),
     "polygons.off": (l_off(POLYGONS), MORE),
-    "mixed.off": (l_off(MIXED), MORE),
     "beyond.off": (l_off(BEYOND), "cannot be read"),
     "comma.off": (l_off(point=","), "has decimal commas; export it with decimal points"),
 }

@@ -140,13 +140,9 @@ def test_a_file_that_a_compiled_library_could_not_end_is_noticed(tmp_path: Path)
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)
 
 
-def test_a_planning_state_is_read_back_and_what_is_none_refused(tmp_path: Path) -> None:
+def test_what_is_no_planning_state_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "iter_00.npz"
-    state, pool = gate_states.state(), gate_states.pool()
-    save_state(path, state, pool)
-    found, candidates = load_state(path)
-    assert np.array_equal(found.model.points_m, state.model.points_m) and candidates.ids == pool.ids
-    assert (found.n_seeds, found.planned_views) == (state.n_seeds, state.planned_views)
+    save_state(path, gate_states.state(), gate_states.pool())
     with np.load(path) as data:
         arrays = dict(data)
     for damage in ({"points_m": np.array([object()])}, {"scalars": None}):

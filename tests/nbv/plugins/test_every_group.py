@@ -7,7 +7,6 @@ import every_part
 import numpy as np
 import pytest
 from scene_helpers import SMALL_GROUND
-from typer.testing import CliRunner
 
 from nbv import plugins
 from nbv.cache import Store
@@ -18,8 +17,6 @@ from nbv.photogrammetric.simulated_camera import SimulatedCamera
 from nbv.rocks import load_coarse_rock
 from nbv.scene import build_scene, make_renderer
 from nbv.types import Viewpoint
-from tuner.campaign.campaign import Campaign
-from tuner.cli import app
 
 
 @pytest.fixture
@@ -87,14 +84,3 @@ def test_photographs_and_rocks_are_made_again_where_the_source_changes(installed
     plugins.installed.cache_clear()
     sys.modules.pop("every_part_module")
     assert photograph().mean() < 0.6 * first.mean() and len(made) == 2
-
-
-@pytest.mark.slow
-def test_a_campaign_uses_sampler_fidelity_and_family(installed, tmp_path):
-    asked = "campaign run --name a --space gate --rock egg-4 --budget 4 --sampler drawn --fidelity counted"
-    run = CliRunner().invoke(app, [*asked.split(), "--out", str(tmp_path / "a"), "--workers", "1"])
-    assert run.exit_code == 0, run.output
-    trials = Campaign.open(tmp_path / "a", read_only=True).trials()
-    assert {trial.state for trial in trials} == {"complete"} and len(trials) >= 4
-    assert "drawn" in {trial.record.metadata["sampler"] for trial in trials}
-    assert all("views" in trial.metrics for trial in trials)

@@ -11,11 +11,8 @@ import pytest
 import scoring_state
 from scoring_state import sparse_model
 
-from nbv import gates, scorers
-from nbv.config import DENSE_BACKENDS, GATES, RENDERERS, SCORERS, BAwareConfig, MissionConfig, Weights
-from nbv.dense import reconstruct
+from nbv.config import BAwareConfig, MissionConfig, Weights
 from nbv.errors import MissionFailure, UserError
-from nbv.scene import view
 from nbv.scorers import Rankings
 from nbv.scorers.registry import geometry_gain, mean_neighbour_distance
 from nbv.scorers.scorer import angular_penalty, box_points, novelty
@@ -115,16 +112,6 @@ def test_an_empty_box_is_a_mission_failure() -> None:
     with pytest.raises(MissionFailure) as failure:
         Rankings(state, pool_at(ring([0.0])), MissionConfig())
     assert failure.value.reason == "no_points_in_box"
-
-
-def test_the_names_of_a_configuration_are_those_of_the_parts() -> None:
-    for names, parts in (
-        (SCORERS, scorers.registry),
-        (GATES, gates.registry),
-        (RENDERERS, view),
-        (DENSE_BACKENDS, reconstruct),
-    ):
-        assert list(names.built_in) == list(parts.BUILT_IN)
 
 
 def test_the_papers_two_are_always_ranked_others_when_asked_for() -> None:

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from nbv.config import MissionConfig, SeedConfig, preset
-from nbv.viewpoints import camera_shell, candidate_pool, raw_candidates, seed_viewpoints
+from nbv.viewpoints import candidate_pool, raw_candidates, seed_viewpoints
 
 NOWHERE = np.zeros((0, 3))
 VEHICLE = np.array([0.0, -8.0, 3.0])
@@ -57,26 +57,11 @@ def test_two_rings_have_even_steps_each() -> None:
     assert [s.id for s in seeds] == [f"seed_{k:02d}" for k in range(25)]
 
 
-def test_the_observable_surface_is_the_same_for_every_layout() -> None:
-    plain = camera_shell(MissionConfig())
-    views = [*seed_viewpoints(MissionConfig()), *raw_candidates(MissionConfig())]
-    np.testing.assert_array_equal(plain, [view.position_m for view in views])
-    other_pool = MissionConfig().with_values({"pool.radius_m": 2.5, "pool.upper_count": 3})
-    for other in (turn(20, lowest_deg=10.0, radius_m=3.0), other_pool):
-        np.testing.assert_array_equal(plain, camera_shell(other))
-
-
 @pytest.mark.parametrize(
     ("seeds", "numbers"), [(24, [8, 6, 6, 4]), (12, [4, 3, 3, 2]), (13, [4, 4, 3, 2]), (3, [1, 1, 1])]
 )
 def test_seeds_are_shared_out_among_the_rings_as_the_papers_are(seeds: int, numbers: list[int]) -> None:
     assert [number for _, number in SeedConfig().rings(seeds)] == numbers
-
-
-def test_what_the_seeds_leave_of_the_photographs_is_planned() -> None:
-    config = turn(8).with_values({"photographs": 21})
-    assert (len(seed_viewpoints(config)), config.planned_views) == (8, 13)
-    assert turn(8).with_values({"photographs": 8}).planned_views == 0
 
 
 @pytest.mark.parametrize(

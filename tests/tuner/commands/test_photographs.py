@@ -3,13 +3,9 @@ from pathlib import Path
 
 import pytest
 from photographed_ball import write_part_of_a_set
-from typer.testing import CliRunner
 
 from nbv.safe_files import read_yaml
 from tuner.campaign.settings import CampaignSettings
-from tuner.cli import app
-
-run = CliRunner()
 
 
 @pytest.fixture(autouse=True)
@@ -18,9 +14,9 @@ def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-def test_sets_are_listed() -> None:
+def test_sets_are_listed(gatetune) -> None:
     write_part_of_a_set()
-    listed = json.loads(run.invoke(app, ["photographs", "list", "--json"]).output)
+    listed = json.loads(gatetune.ok("photographs", "list", "--json"))
     assert [(s["name"], s["registered"], s["photographs"]) for s in listed] == [("mine", 6, 7)]
     assert listed[0]["height_m"] == pytest.approx(0.368)
     assert listed[0]["weak"][0].startswith("azimuth 60°")
@@ -30,9 +26,11 @@ def test_sets_are_listed() -> None:
     ("arguments", "words"),
     [
         ("enough yours", "no set of photographs 'yours'"),
-        ("import absent --name yours", "there is no folder absent"),
         ("import . --name mine", "already a set 'mine'"),
+        ("import . --name Mine!", "'Mine!' cannot name a set of photographs"),
         ("import . --name yours --max-size 7", "max_size is 7"),
+        ("import . --name yours --metres-per-unit 1", "--metres-per-unit is of the model"),
+        ("import . --name yours --model m --metres-per-unit 0", "metres_per_unit is 0"),
         ("import . --name yours --height-m 0", "height_m is 0"),
     ],
 )
