@@ -243,13 +243,13 @@ class SmallScene(PhotogrammetricFidelity):
     load = staticmethod(lambda name, store: make_ball())
 
     def _renderer(self, camera: CameraConfig) -> Renderer:
-        config = self.context.config.scene
-        return make_renderer(build_scene(self.context.rock, config, camera, SMALL_GROUND), config.backend)
+        rock, config, store = self.context.rock, self.context.config.scene, self.context.store
+        return make_renderer(build_scene(rock, config, camera, SMALL_GROUND, store), config.backend)
 
 
 def scene(values: str) -> tuple[MissionConfig, SmallScene]:
     config = preset("campaign").with_values(json.loads(values))
-    return config, SmallScene(SmallScene.prepare(config, "ball", 0, None, False, Stopwatch()))
+    return config, SmallScene(SmallScene.prepare(config, "ball", 0, Store(), False, Stopwatch()))
 
 
 @cache
@@ -282,6 +282,7 @@ SMALL = {
     "camera.width_px": 160,
     "camera.height_px": 120,
     "camera.focal_px": 116.4,
+    "dense.fusion_voxel_m": 0.03,
     "evaluation.gt_samples": 2000,
 }
 OF_THE_WORLD = ("camera", "scene", "sensor", "telemetry", "target", "evaluation")

@@ -25,6 +25,7 @@ def config():
             "seed.layout": "turn",
             "evaluation.gt_samples": 10_000,
             "dense.agreeing_views": 3,
+            "dense.max_size_px": 320,
         }
     )
 

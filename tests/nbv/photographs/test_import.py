@@ -57,13 +57,13 @@ def test_the_reference_lies_on_the_ball(ball_set: PhotographSet) -> None:
 
 
 def test_photographs_are_those_of_one_pinhole(ball_set: PhotographSet) -> None:
-    assert (ball_set.camera.width_px, ball_set.camera.height_px) == (MAX_SIZE_PX, 300)
+    assert (ball_set.camera.width_px, ball_set.camera.height_px) == (MAX_SIZE_PX, 240)
     assert ball_set.camera.focal_px == pytest.approx(
         CAMERA.focal_px * MAX_SIZE_PX / CAMERA.width_px, rel=0.02
     )
     assert "2 cameras" in ball_set.notes[1]
     shown = ball_set.image(ball_set.photographs[0].name).astype(float)
-    true = np.asarray(render(POSITIONS_M[0]).resize((MAX_SIZE_PX, 300), Image.Resampling.LANCZOS))
+    true = np.asarray(render(POSITIONS_M[0]).resize((MAX_SIZE_PX, 240), Image.Resampling.LANCZOS))
     assert np.abs(shown - true).mean() < 6
 
 

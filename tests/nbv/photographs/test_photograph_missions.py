@@ -163,6 +163,7 @@ def test_a_mission_over_photographs(tmp_path: Path, monkeypatch: pytest.MonkeyPa
             "telemetry": "rtk",  # the target is not looked for even so
             "dense.agreeing_views": 3,
             "dense.search": "sparse",
+            "dense.max_size_px": 240,
             "sparse.max_pairs": 6,
             "gate.kind": "greedy-oracle",
             "evaluation.gt_samples": 5000,

@@ -39,7 +39,11 @@ def test_a_mission_with_photographs_uses_renderer_dense_backend_metric_and_famil
     monkeypatch.setattr("nbv.scene.bake.GroundSpec", lambda: SMALL_GROUND)
     config = preset("campaign").with_values(
         {
-            "photographs": 25,
+            "photographs": 16,
+            "seeds": 15,
+            "seed.layout": "turn",
+            "sparse.ground_features": 2000,
+            "dense.max_size_px": 320,
             "evaluation.gt_samples": 10_000,
             "dense.agreeing_views": 3,
             "gate.kind": "last",

@@ -239,6 +239,7 @@ def test_over_photographs_every_number_is_a_mission(gatetune, tmp_path, monkeypa
     monkeypatch.setenv("GATETUNE_HOME", str(tmp_path / "home"))
     write_set("ball", spread(40), rendered=True)
     asked = shlex.split("--strategy random --strategy orbit-by-height --rock ball --numbers 12,14 --score 50")
+    asked += ["--set", "dense.max_size_px=240", "--set", "sparse.max_pairs=6"]
     out = gatetune.ok("compare", *asked, "--workers", 1, "--out", tmp_path / "run")
     names = sorted(place.name for place in (tmp_path / "run/missions").iterdir())
     assert names == ["orbit-two-12", "orbit-two-14", "random-12", "random-14"]

@@ -113,7 +113,7 @@ def test_the_command_lists_the_files_that_would_have_done(tmp_path, monkeypatch)
     made = write_set("ball", spread(20), rendered=True)
     asked = ["photographs", "enough", "ball", "--number", "16", "--replicates", "2", "--workers", "1"]
     asked += ["--keep", "60", "--out", str(tmp_path / "out"), "--set", "dense.agreeing_views=3"]
-    asked += ["--set", "evaluation.gt_samples=5000"]
+    asked += ["--set", "evaluation.gt_samples=5000", "--set", "dense.max_size_px=240"]
     said = CliRunner().invoke(app, asked)
     assert said.exit_code == 0, said.output
     assert "of one processor" in said.output

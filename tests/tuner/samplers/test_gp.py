@@ -218,7 +218,7 @@ def test_gp_beats_random_on_four_rocks() -> None:
     """2-D, 16 missions, noise 0.05; the value is the noiseless one of the recommended configuration."""
     score: dict[str, list[float]] = {"gp": [], "random": []}
     for name, values in score.items():
-        for seed in range(8):
+        for seed in range(4):
             history = synthetic.play(make_sampler(name, synthetic.sampler_settings(seed, 5)), 16, 0.05, seed)
             (result,) = recommend(synthetic.PROBLEM, Goal(), history, only_verified=False).values()
             values.append(synthetic.true_value(result.values))
