@@ -1,5 +1,7 @@
 """What all tests share: a home of their own."""
 
+import os
+
 import pytest
 from hypothesis import settings
 
@@ -10,8 +12,15 @@ settings.load_profile("untimed")
 
 @pytest.fixture(scope="session", autouse=True)
 def gatetune_home(tmp_path_factory):
-    """Rocks and caches of one worker's tests, empty at their start: two workers make sets of photographs of one name."""
+    """Rocks of one worker's tests, none at their start: two workers make sets of photographs of one name.
+
+    What is computed is kept in one store of all workers: a rock takes seconds.
+    """
     home = tmp_path_factory.getbasetemp() / "gatetune-home"
+    run = home.parent.parent if "PYTEST_XDIST_WORKER" in os.environ else home.parent
+    (run / "store").mkdir(exist_ok=True)
+    home.mkdir()
+    (home / "store").symlink_to(run / "store")
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("GATETUNE_HOME", str(home))
         yield home
