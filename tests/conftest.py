@@ -10,6 +10,19 @@ settings.register_profile("untimed", deadline=None)
 settings.load_profile("untimed")
 
 
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config, log):
+    """A module's tests stay on one worker, which makes its fixtures once; the walks, which are long, go to whoever is free."""
+    from xdist.scheduler import LoadFileScheduling
+
+    class ByModule(LoadFileScheduling):
+        def _split_scope(self, nodeid):
+            return nodeid if "test_walked.py" in nodeid else super()._split_scope(nodeid)
+
+    config.option.loadscopereorder = False  # in the order of testpaths, the longest first
+    return ByModule(config, log)
+
+
 @pytest.fixture(scope="session", autouse=True)
 def gatetune_home(tmp_path_factory):
     """Rocks of one worker's tests, none at their start: two workers make sets of photographs of one name.
