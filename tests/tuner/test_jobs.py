@@ -16,7 +16,6 @@ from nbv.config import load_conditions, preset, under
 from nbv.errors import UserError
 from nbv.geometric import run_geometric_mission
 from nbv.mission import MissionResult
-from tuner.answer.answer import ANSWER_FILE, answer_of
 from tuner.campaign.begin import begin_campaign
 from tuner.campaign.settings_file import merged_settings, resolved_settings
 from tuner.comparison.plan import EvaluationPlan, run_evaluation
@@ -103,15 +102,6 @@ def test_evaluation_and_reproduction(campaign: tuner.Campaign, tmp_path: Path) -
     assert [trial.strategy for trial in table.records] == ["covis", "hyb-h"]
 
 
-def test_a_campaign_with_compare_on_ends_in_its_comparison(tmp_path: Path) -> None:
-    asked = {"rocks": ["slab"], "compare_on": ["arch"], "space": "gate", "budget": 3, "sampler": "sobol"}
-    campaign = tuner.tune(tmp_path / "c", fidelity="geometric", overrides=SMALL, workers=1, **asked)
-    assert [table.targets for table in answer_of(campaign).tables] == [("arch",), ("slab",)]
-    assert (tmp_path / "c" / ANSWER_FILE).is_file() and (tmp_path / "c" / "report.html").is_file()
-    with pytest.raises(UserError, match="slab is tuned on and compared on"):
-        tuner.tune(tmp_path / "d", **{**asked, "compare_on": ["slab"]})
-
-
 EXAMPLES = dict(re.findall(r'```python title="(\w+)"\n(.*?)```', API.read_text(), re.DOTALL))
 SHORT = {"overrides": {"photographs": 26}}
 
@@ -175,6 +165,7 @@ HIGH = {"flight.min_camera_altitude_m": 1.6}  # above an orbit at 10°
         ({"space": "plan_and_gate", "overrides": HIGH}, "strategy orbit cannot run"),
         ({"space": "gate", "overrides": {"photographs": 20}}, "seeds is 24, more than the 20 photographs"),
         ({"space": "gate", "compare_on": ["nowhere"]}, "unknown rock 'nowhere'"),
+        ({"space": "gate", "compare_on": ["slab"]}, "slab is tuned on and compared on"),
         ({"space": "gate", "fidelity": "photographs", "compare_on": []}, "cannot run on slab"),
     ],
 )

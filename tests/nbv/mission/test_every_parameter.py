@@ -326,26 +326,3 @@ def test_fewer_pixels_see_less():
         scores.append(tree["metrics"]["observable"]["f_score_48mm"] if tree["metrics"] else 0.0)
     same, finer, coarser, tiny = scores
     assert finer > same > coarser > tiny == 0.0
-
-
-def test_the_rows_above_name_parameters_that_there_are():
-    tables = (BESIDE, BESIDE_PHOTOGRAPHS, BESIDE_SCENE)
-    rows = {path for table in tables for path in table} | {
-        path for table in tables for beside, _ in table.values() for path in beside
-    }
-    exempt = {*UNSEEN, *PLANNED_BY, *(path for paths in WITHOUT_EFFECT.values() for path in paths)}
-    assert rows | exempt | {*BALL, *SMALL} <= {*parameters(), "rock"}
-
-
-@pytest.mark.parametrize(
-    ("refusal", "passes"),
-    [("gate.d95_m is -1; it must be", True), ("gate.d95_mm is -1; it must", False), ("-1 is refused", False)],
-)
-def test_a_refusal_that_does_not_name_the_parameter_fails(refusal: str, passes: bool) -> None:
-    def fly(values: str) -> str:
-        if "-1" in values:
-            raise UserError(refusal)
-        return values
-
-    with nullcontext() if passes else pytest.raises(AssertionError):
-        check(GeometricFidelity, fly, "gate.d95_m", {}, -1)

@@ -73,12 +73,6 @@ def test_seeds_are_shared_out_among_the_rings_as_the_papers_are(seeds: int, numb
     assert [number for _, number in SeedConfig().rings(seeds)] == numbers
 
 
-def test_what_the_seeds_leave_of_the_photographs_is_planned() -> None:
-    config = turn(8).with_values({"photographs": 21})
-    assert (len(seed_viewpoints(config)), config.planned_views) == (8, 13)
-    assert turn(8).with_values({"photographs": 8}).planned_views == 0
-
-
 @pytest.mark.parametrize(
     ("name", "count", "golden"),
     [

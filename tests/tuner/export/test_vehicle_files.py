@@ -117,46 +117,6 @@ def test_a_changed_parameter_is_a_changed_key(kind, changes, expected):
     assert all(path in PARAMETERS[kind] for path in changes)
 
 
-OTHER = {
-    "seed.ring_azimuth_counts": [4, 6, 6, 8],
-    "seed.layout": "rings",
-    "gate.kind": "covis",
-    "seed.upper_share": 0.3,
-}
-TWO_RINGS = {
-    "sparse.ground_features": 2000,
-    "seeds": 16,
-    "seed.layout": "turn",
-    "seed.upper_share": 0.4,
-    "seed.span_deg": 20.0,
-}
-BESIDE = {
-    "gate.oracle": {"gate.kind": "hyb-o"},
-    "seed.ring_": {"seed.layout": "rings"},
-}  # by a path's beginning
-
-
-def another(path, value):
-    if path in OTHER:
-        return OTHER[path]
-    if isinstance(value, tuple):
-        return [number + 1 for number in value]
-    return value + 1 if isinstance(value, int) else value * 0.9 or 0.3
-
-
-@pytest.mark.parametrize(
-    ("kind", "path"), [(kind, path) for kind in FILES for path in sorted(PARAMETERS[kind])]
-)
-def test_a_file_carries_what_it_is_said_to(kind, path):
-    """Another value is another file, or the file's remarks say that it is lost."""
-    beside = next((values for begin, values in BESIDE.items() if path.startswith(begin)), {})
-    config = preset("campaign").with_values({**TWO_RINGS, **beside})
-    value = functools.reduce(getattr, path.split("."), config)
-    changed = config.with_values({path: another(path, value)})
-    written, remarks = WRITERS[kind](changed)
-    assert written != WRITERS[kind](config)[0] or path in {remark.key for remark in remarks}
-
-
 @pytest.mark.parametrize(
     ("key", "value"),
     [
@@ -194,7 +154,7 @@ def test_a_distance_in_unknown_units_is_never_written(write, change, key):
     ("seeds", "elevations_deg", "counts"),
     [
         ({"seed.upper_share": 0.3, "seed.span_deg": 21.0}, [20.0, 41.0], [9, 4]),
-        ({}, [20.0], [13]),
+        ({"seed.lowest_deg": 25.0}, [25.0], [13]),
         ({"seed.layout": "rings"}, [15.0, 22.0, 29.0, 36.0], [4, 4, 3, 2]),
     ],
 )
