@@ -1,6 +1,5 @@
 """Depth of single views, their agreement and their fusion, against closed forms and rules written out."""
 
-import cv2
 import numpy as np
 import pytest
 from scene_helpers import around
@@ -16,7 +15,6 @@ from nbv.dense.stereo import (
     depth_normals,
     estimate_depth,
     pixel_matrix,
-    sgbm_depth_maps,
 )
 from nbv.geometry.frames import camera_centers_m, look_at
 
@@ -87,18 +85,6 @@ def test_depth_of_one_pair_matches_the_closed_form(scene, other, completeness):
         assert known.mean() > completeness, name
         assert np.median(error[known]) < 0.2, name
         assert np.mean(error[known] < 1.0) > 0.95, name
-
-
-def test_backend_is_deterministic_and_ignores_distant_views(scene):
-    first = sgbm_depth_maps(of(scene))
-    far = {"zfar.png": orbit_pose(180.0)}
-    images = {**scene.images, "zfar.png": np.zeros_like(scene.images["view_000.png"])}
-    images = dict(reversed(list(images.items())))
-    second = sgbm_depth_maps(PosedViews(images, {**far, **scene.poses}, scene.camera, TARGET, CONFIG), 2)
-    assert list(first) == list(second) == sorted(scene.images)
-    for name in first:
-        assert np.array_equal(first[name], second[name], equal_nan=True)
-    assert cv2.getNumThreads() == 1
 
 
 def near_the_sphere(points_m):

@@ -327,12 +327,3 @@ def test_fewer_pixels_see_less():
         scores.append(tree["metrics"]["observable"]["f_score_48mm"] if tree["metrics"] else 0.0)
     same, finer, coarser, tiny = scores
     assert finer > same > coarser > tiny == 0.0
-
-
-def test_the_rows_above_name_parameters_that_there_are():
-    tables = (BESIDE, BESIDE_PHOTOGRAPHS, BESIDE_SCENE)
-    rows = {path for table in tables for path in table} | {
-        path for table in tables for beside, _ in table.values() for path in beside
-    }
-    exempt = {*UNSEEN, *PLANNED_BY, *(path for paths in WITHOUT_EFFECT.values() for path in paths)}
-    assert rows | exempt | {*BALL, *SMALL} <= {*parameters(), "rock"}

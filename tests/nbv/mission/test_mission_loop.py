@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from nbv.config import MissionConfig, preset
-from nbv.errors import MissionFailure
 from nbv.flight import Flight
 from nbv.gates import make_gate
 from nbv.geometric.geometric_fidelity import PoseCamera
@@ -89,31 +88,12 @@ def run_loop(reconstructor=None, **values):
     return mission
 
 
-class NoSeedModel(CountingReconstructor):
-    def bootstrap(self, captures):
-        raise MissionFailure("seed_model_failed", "too few")
-
-
-def test_a_mission_without_a_seed_model_fails():
-    """Views that are left to plan do not help."""
-    with pytest.raises(MissionFailure, match="too few"):
-        run_loop(NoSeedModel())
-
-
 def test_an_unregistered_image_counts_and_the_mission_goes_on():
     mission = run_loop(CountingReconstructor(refuse={2}))
     assert [record.registered for record in mission.trace] == [True, False, True, True]
     assert mission.trace[1].message == "too few matches"
     assert len(mission.captures) == 24 + 4
     assert mission.notes == ["unregistered_image"]
-
-
-def test_convergence_is_looked_for_before_every_capture():
-    d95 = [record.d95_m for record in run_loop().trace]
-    assert d95 == sorted(d95, reverse=True)  # the ball fills up
-    threshold = (d95[1] + d95[2]) / 2
-    mission = run_loop(**{"stop.criterion": "both", "stop.knn_threshold_m": threshold})
-    assert len(mission.trace) == 2
 
 
 def test_an_empty_pool_ends_the_adaptive_phase_and_says_so():

@@ -12,11 +12,10 @@ from PIL import Image
 from rendered_photographs import FOCAL_35_MM, save, silent
 
 from nbv.errors import UserError
-from nbv.photographs import PhotographSet, Reference, list_sets
+from nbv.photographs import PhotographSet, list_sets
 from nbv.photographs.folder import SourcePhotograph, read_folder, read_pixels
 from nbv.photographs.import_source import ImportSource, find_masks
 from nbv.photographs.importer import common_pinhole, undistorted
-from nbv.photographs.photograph_set import REFERENCE_FILE
 
 
 def picture(index: int, size: tuple[int, int] = (64, 48)) -> Image.Image:
@@ -73,8 +72,8 @@ def test_a_video_is_told_how_to_become_photographs(tmp_path: Path) -> None:
 
 
 def test_too_few(folder: Path) -> None:
-    (folder / "0.jpg").unlink()
-    (folder / "1.jpg").unlink()
+    for name in ("0.jpg", "1.jpg"):
+        (folder / name).unlink()
     assert "needs 8 or more" in refusal(folder)
 
 
@@ -174,22 +173,3 @@ def test_pictures_are_checked(small_set: PhotographSet) -> None:
     Image.fromarray(pixels[:40]).save(path)
     with pytest.raises(UserError, match="480 x 40"):
         small_set.image("p000")
-
-
-def test_the_reference_is_read_back_and_a_truncated_one_refused(small_set: PhotographSet) -> None:
-    rng = np.random.default_rng(0)
-    normals = rng.normal(size=(50, 3))
-    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    made = Reference(
-        rng.normal(size=(50, 3)), normals, rng.integers(0, 255, (50, 3), dtype=np.uint8), rng.random(50)
-    )
-    path = small_set.folder / REFERENCE_FILE
-    made.write(path)
-    found = Reference.read(path)
-    assert np.allclose(found.points_m, made.points_m, atol=1e-6)
-    assert np.allclose(found.normals, made.normals, atol=1e-6)
-    assert np.array_equal(found.colors, made.colors)
-    assert np.allclose(found.error_m, made.error_m)
-    path.write_bytes(path.read_bytes()[:-5])
-    with pytest.raises(UserError, match="damaged"):
-        small_set.reference()

@@ -10,6 +10,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scene_helpers import SMALL_GROUND
 from typer.testing import CliRunner
 
 from nbv import plugins
@@ -19,18 +20,24 @@ from nbv.config.declaration import Section
 from nbv.errors import UserError
 from nbv.gates import Gate, make_gate
 from nbv.geometric import run_geometric_mission
+from nbv.geometry.frames import look_at
 from nbv.mission import MissionResult
+from nbv.photogrammetric.simulated_camera import SimulatedCamera
 from nbv.rocks import load_coarse_rock
+from nbv.scene import build_scene, make_renderer
 from nbv.scorers import Scorer
-from nbv.types import GateDecision, Ranking
+from nbv.types import GateDecision, Ranking, Viewpoint
 from tuner.cli import app
 from tuner.missions.job import MissionJob
 from tuner.missions.pool import run_job
 
 MINE = """
 from dataclasses import dataclass
+import numpy as np
 from nbv.config import Weights
 from nbv.config.declaration import Section, Share, not_in_paper
+from nbv.rocks import sdf
+from nbv.scene.raycast import RaycastRenderer
 from nbv.scorers import Scorer
 
 @dataclass(frozen=True)
@@ -42,6 +49,13 @@ def low(terms, pool, config):
 
 LOW = Scorer("mine-low", low, weights=lambda config: Weights(), settings=Settings)
 NOTHING = 3
+
+class Dim(RaycastRenderer):
+    def rgb(self, camera_from_world):
+        return super().rgb(camera_from_world) // 2
+
+def egg(p, rng, seed):
+    return sdf.ellipsoid(p, (0.0, 0.0, 0.75), (rng.uniform(0.5, 0.6), 0.5, 0.8), np.eye(3))
 """
 
 
@@ -270,3 +284,28 @@ def test_init_and_list_refuse_and_say_when_there_is_nothing(tmp_path, monkeypatc
     plugins.installed.cache_clear()
     assert "no plug-in is installed" in gatetune("plugin", "list")
     plugins.installed.cache_clear()
+
+
+def test_photographs_and_rocks_are_made_again_where_the_source_changes(package, tmp_path):
+    package("renderers", ("dim", "mine_package:Dim"))
+    package("families", ("egg", "mine_package:egg"))
+    config = preset("campaign").with_values({"scene.backend": "dim"})
+    store, made = Store(tmp_path / "store"), []
+    pose = look_at((3.5, 0.0, 1.5), config.target_m)
+
+    def photograph():
+        rock = load_coarse_rock("egg-3", store)
+
+        def renderer(camera):
+            made.append(rock.sha256)
+            return make_renderer(build_scene(rock, config.scene, camera, SMALL_GROUND), "dim")
+
+        camera = SimulatedCamera(renderer, rock, 0, config, store)
+        return camera.photograph(Viewpoint("a", (3.5, 0.0, 1.5), 0.0, 20.0, "low"), pose)
+
+    first = photograph()
+    assert np.array_equal(photograph(), first) and len(made) == 1
+    (tmp_path / "mine_package.py").write_text(MINE.replace("// 2", "// 4"))
+    plugins.installed.cache_clear()
+    sys.modules.pop("mine_package")
+    assert photograph().mean() < 0.6 * first.mean() and len(made) == 2

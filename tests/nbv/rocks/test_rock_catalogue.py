@@ -48,16 +48,6 @@ def test_a_procedural_rock_is_generated_once_and_read_back(home, monkeypatch):
     assert [path.name for path in Store().root.iterdir()] == ["rocks"]
 
 
-def test_imported_rock_is_found_by_name(mesh_file):
-    rock = import_mesh(mesh_file, name="my-rock", split="held-out")
-    save_imported(rock)
-    assert load_rock("my-rock").sha256 == rock.sha256
-    assert load_rock("my-rock").notes == rock.notes
-    info = list_rocks()[-1]
-    assert (info.name, info.split, info.source) == ("my-rock", "held-out", "imported")
-    assert info.difficulty == rock.difficulty
-
-
 def test_nothing_is_overwritten_without_force(mesh_file):
     first = import_mesh(mesh_file, name="mine")
     save_imported(first)

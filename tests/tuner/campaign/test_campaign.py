@@ -167,20 +167,6 @@ def test_missing_metric_is_a_failure_not_a_zero(tmp_path: Path) -> None:
     assert {t.reason for t in campaign.trials()} == {"metric_missing: observable.no_such"}
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("sampler", ["gp", "sobol", "random"])
-def test_every_sampler_runs_on_the_mixed_space(tmp_path: Path, sampler: str) -> None:
-    space = load_search_space("full")
-    campaign = run(tmp_path / "run", sampler=sampler, space=space, budget=8, initial=5, replicates=2)
-    trials = campaign.trials()
-    assert [t.state for t in trials] == ["complete"] * 8
-    assert trials[0].values == campaign.settings.problem.default
-    assert all(p.contains(t.values[p.path]) for t in trials for p in space.parameters)
-    searching = [t for t in trials if t.record.metadata["phase"] not in ("default", "verification")]
-    assert len(searching) >= 2
-    assert len({tuple(t.values.values()) for t in searching}) == len(searching)
-
-
 def test_directories_of_others_are_left_alone(tmp_path: Path) -> None:
     foreign = tmp_path / "foreign"
     foreign.mkdir()

@@ -139,13 +139,6 @@ def test_optunas_best_trial_keeps_the_limit(fewest: Campaign) -> None:
     )
 
 
-def test_the_best_of_so_many_photographs_has_no_more(tmp_path: Path) -> None:
-    campaign = run_few(tmp_path / "run", second=PHOTOGRAPHS, limit=24.0, budget=10)
-    best = campaign.recommendation()
-    assert best is not None and best.limit is not None and best.limit.satisfied
-    assert count(best.values) <= 24.0
-
-
 FRACTION, D95 = synthetic.SPACE.parameters
 ONE_PARAMETER = dataclasses.replace(synthetic.SPACE, name="one", parameters=(FRACTION,))
 run_long = functools.partial(fake_campaigns.run, budget=24)

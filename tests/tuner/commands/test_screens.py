@@ -14,7 +14,6 @@ import pytest
 import typer
 
 from nbv.config import preset
-from nbv.rocks import list_rocks
 from tuner.campaign.campaign import Campaign, CampaignEvent
 from tuner.campaign.settings import CampaignSettings
 from tuner.cli import app
@@ -28,12 +27,6 @@ from tuner.problem.space_files import load_search_space
 
 def shown(gatetune: Any, *command: Any) -> Any:
     return json.loads(gatetune.ok(*command, "--json"))
-
-
-def test_rocks(gatetune: Any) -> None:
-    listed = shown(gatetune, "rocks", "list", "--split", "held-out")
-    assert [r["name"] for r in listed] == [r.name for r in list_rocks() if r.split == "held-out"]
-    assert shown(gatetune, "rocks", "show", "slab")["extents_m"][2] == pytest.approx(1.6)
 
 
 def test_a_configuration(gatetune: Any) -> None:

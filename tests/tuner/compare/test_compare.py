@@ -16,7 +16,6 @@ from nbv.geometric.geometric_fidelity import run_curve_mission
 from tuner.commands.console import output
 from tuner.comparison.curves import (
     BASE,
-    SUITES,
     Series,
     Suite,
     all_series,
@@ -212,17 +211,6 @@ def test_what_failed_or_has_no_model_yet_scores_0_and_is_said(tmp_path):
     document = write_curves(suite, [found], outcome(suite, [found], "covis"), tmp_path)
     assert {(row["failed"], row["score_0"]) for row in document["standings"]} == {(1, 2), (1, 1)}
     assert "covis on arch: no such map" in html.unescape((tmp_path / "report.html").read_text())
-
-
-def test_a_suite_is_named_by_all_its_settings():
-    suite = SUITES["rocks-1"]
-    assert suite.name == "rocks-1" and len(suite.targets) == 60
-    changed = Suite(suite.targets, values={**BASE, "pool.radius_m": 3.0})
-    assert changed.name.startswith("custom-") and changed.name != Suite(suite.targets, score=97.0).name
-    plans = comparison_plan(suite, dict.fromkeys(("covis", "orbit-two", "orbit-by-height")))
-    assert plans.missions == 60 * (1 + 19)
-    rendered = Suite((Instance("slab"),), (16, 24), fidelity="photogrammetric")
-    assert list(comparison_plan(rendered, {"covis": None}).strategies) == ["covis-16", "covis-24"]
 
 
 def test_rocks_run_under_the_conditions_asked_for(gatetune, tmp_path):

@@ -130,15 +130,6 @@ def test_the_command_lists_the_files_that_would_have_done(tmp_path, monkeypatch)
 BASE = preset("campaign")
 
 
-def test_every_control_has_the_tuned_number_beside_the_default_plan() -> None:
-    tuned = BASE.with_values({"photographs": 26, "pool.max_altitude_m": 1.5})
-    number = tuned.photographs
-    found = at_equal_number(baseline_configs(["hyb-h", "random", "greedy-oracle"], BASE), tuned, "hyb-h")
-    assert found.pop("hyb-h").photographs == BASE.photographs != number
-    assert list(found) == [f"{name}-{number}" for name in ("hyb-h", "random", "greedy-oracle")]
-    assert {config.photographs for config in found.values()} == {number}
-
-
 def test_an_orbit_flies_the_whole_number() -> None:
     """62 % at 10 degrees and the rest at 35, nothing planned, whatever the tuned plan's own seeds are."""
     tuned = BASE.with_values({"photographs": 26, "seed.radius_m": 4.4})

@@ -162,7 +162,7 @@ def test_a_distance_in_unknown_units_is_never_written(write, change, key):
     ("seeds", "elevations_deg", "counts"),
     [
         ({"seed.upper_share": 0.3, "seed.span_deg": 21.0}, [20.0, 41.0], [9, 4]),
-        ({}, [20.0], [13]),
+        ({"seed.lowest_deg": 25.0}, [25.0], [13]),
         ({"seed.layout": "rings"}, [15.0, 22.0, 29.0, 36.0], [4, 4, 3, 2]),
     ],
 )

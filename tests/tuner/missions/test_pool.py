@@ -12,7 +12,7 @@ import fake_missions  # noqa: F401  registers the fidelity
 import psutil
 import pytest
 
-from nbv.config import MissionConfig, preset
+from nbv.config import MissionConfig
 from nbv.mission.result import MissionResult
 from nbv.mission.run_directory import WORKER_LOG
 from tuner.missions.job import MissionJob, Trial
@@ -174,12 +174,3 @@ def test_ctrl_c_ends_missions_at_once_without_a_word(loads: bool, tmp_path: Path
         assert coordinator.stdout is not None and coordinator.stdout.read() == b""
     assert took_s < 5.0  # a second, where nothing else runs
     assert not psutil.wait_procs(below, timeout=20.0)[1]
-
-
-@pytest.mark.slow
-def test_a_mission_with_rendered_photographs_runs_on_a_worker(tmp_path: Path) -> None:
-    small = {"photographs": 18, "seeds": 16, "seed.layout": "turn", "dense.agreeing_views": 3}
-    config = preset("campaign").with_values({**small, "evaluation.gt_samples": 10_000})
-    with MissionPool() as executor:
-        ended = run_jobs(executor, [MissionJob("0", config, "boulder", 0, tmp_path / "0")])
-    assert ended["0"].record.status == "ok", ended["0"].record.message

@@ -3,7 +3,6 @@
 import dataclasses
 import functools
 import html
-import io
 import re
 import shlex
 from pathlib import Path
@@ -11,7 +10,6 @@ from pathlib import Path
 import fake_campaigns
 import pytest
 from made_evaluations import made_facts, made_run
-from rich.console import Console
 
 from nbv.errors import UserError
 from tuner.answer.answer import answer_of
@@ -26,12 +24,10 @@ from tuner.report import words, write_campaign_report
 from tuner.report.campaign_page import reproduce_command
 from tuner.report.comparison import (
     cell,
-    result_tables,
+    table_i,
     verdict_lines,
-    warnings_of,
     write_comparison_report,
 )
-from tuner.report.labels import Table
 
 evaluated = functools.partial(
     fake_campaigns.run, name="tiny", space=load_search_space("gate"), budget=6, sampler="sobol"
@@ -110,13 +106,25 @@ def test_campaign_of_failures_alone_has_a_page(tmp_path: Path) -> None:
     assert 'id="tuned-1"' not in page.read_text()
 
 
+PAPER_ROWS = [f"{name} ↓ (mm)" for name in ("Hausdorff", "Mean C2C", "Median C2C", "P95 C2C")]
+PAPER_ROWS += ["Completeness ↑ (%)", "F-score ↑ (%)"] * 2
 LEVELS = {"covis": 60.0, "b-aware": 55.0, "hyb-h": 58.0, "hyb-o": 66.0}
 
 
-def printed(table: Table, width: int) -> str:
-    console = Console(file=io.StringIO(), width=width)
-    console.print(*table.for_terminal())
-    return console.file.getvalue()
+def test_table_one_has_its_layout() -> None:
+    table = comparison_table(made_run(LEVELS).records, tuple(LEVELS), "hyb-h")
+    lines = [line for line in table_i(table, "", paper=True).rows if line.cells]
+    metrics = [line for line in lines if line.name in PAPER_ROWS]
+    assert [line.name for line in metrics] == PAPER_ROWS
+    for line in metrics:
+        assert [c.best for c in line.cells] == [False, False, False, True]  # hyb-o leads in all
+        assert all(re.fullmatch(r"\[.+, .+\]", c.below[0]) for c in line.cells)
+    f_score = table.rows[5].cells["covis"]
+    covis, _, reference, _ = metrics[5].cells
+    assert covis.text == f"{f_score.mean:.1f}"
+    assert covis.below[:2] == (f"[{f_score.low:.1f}, {f_score.high:.1f}]", "paper 72.0")
+    assert covis.below[2].startswith("+") and reference.below[1:] == ("paper 67.0",)
+    assert [c.text for c in lines[-1].cells] == ["12"] * 4
 
 
 def test_differences_keep_the_sign_and_verdicts_the_direction() -> None:
@@ -128,30 +136,6 @@ def test_differences_keep_the_sign_and_verdicts_the_direction() -> None:
     assert {name: kind_of(mean_c2c.differences[name].reversed) for name in kinds} == kinds
     assert verdict_lines(made_facts(run))[0].startswith("Tuned is better than Hyb-H in F-score @ 48 mm")
     assert cell(mean_c2c, "tuned").below[1].startswith("−") and len(cell(mean_c2c, "hyb-h").below) == 1
-
-
-def test_no_interval_no_verdict() -> None:
-    facts = made_facts(made_run({"tuned": 66.0, "hyb-h": 60.0}, rocks=("cobble",), replicates=1))
-    (row,) = facts.judged
-    assert kind_of(row.from_reference) is Verdict.NO_INTERVAL and row.from_reference.mean > 5.0
-    assert any("no result here carries over to other rocks" in warning for warning in warnings_of(facts))
-
-
-def test_strategies_that_took_the_same_photographs_are_marked_everywhere(tmp_path: Path) -> None:
-    run = made_run({"covis": 60.0, "b-aware": 58.0, "hyb-h": 58.0, "greedy-oracle": 66.0}, noise=0.0)
-    taken = {"covis": "c", "greedy-oracle": "g"}
-    records = [
-        dataclasses.replace(r, record=dataclasses.replace(r.record, photographs=taken.get(r.strategy, "b")))
-        for r in run.records
-    ]
-    plan = dataclasses.replace(run.plan, fidelity="geometric")
-    facts = made_facts(dataclasses.replace(run, plan=plan, records=records, directory=tmp_path))
-    (table,) = result_tables(facts)
-    assert "Hyb-H took the same photographs as B-aware." in table.caption
-    for width in (60, 80):
-        assert max(map(len, printed(table, width).splitlines())) <= width
-    page = write_comparison_report(facts).read_text()
-    assert "dense clouds against" not in page, "nothing was photographed"
 
 
 def test_the_page_names_failures(tmp_path: Path) -> None:
