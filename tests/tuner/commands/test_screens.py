@@ -12,6 +12,8 @@ from typing import Any
 import fake_campaigns
 import pytest
 import typer
+from photographed_ball import write_part_of_a_set
+from typer.testing import CliRunner
 
 from nbv.config import preset
 from tuner.campaign.campaign import Campaign, CampaignEvent
@@ -127,3 +129,35 @@ def test_ctrl_c_while_it_loads_shows_no_traceback(tmp_path: Path) -> None:
     assert command.stdout is not None and command.stdout.readline() == "loading\n"
     command.send_signal(signal.SIGINT)
     assert command.communicate(timeout=60) == ("", "") and command.returncode == -signal.SIGINT
+
+
+run = CliRunner()
+
+
+@pytest.fixture(autouse=True)
+def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setenv("GATETUNE_HOME", str(tmp_path))
+    return tmp_path
+
+
+def test_sets_are_listed() -> None:
+    write_part_of_a_set()
+    listed = json.loads(run.invoke(app, ["photographs", "list", "--json"]).output)
+    assert [(s["name"], s["registered"], s["photographs"]) for s in listed] == [("mine", 6, 7)]
+    assert listed[0]["height_m"] == pytest.approx(0.368)
+    assert listed[0]["weak"][0].startswith("azimuth 60°")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ("enough yours", "no set of photographs 'yours'"),
+        ("import absent --name yours", "there is no folder absent"),
+        ("import . --name mine", "already a set 'mine'"),
+        ("import . --name yours --max-size 7", "max_size is 7"),
+        ("import . --name yours --height-m 0", "height_m is 0"),
+    ],
+)
+def test_mistakes(gatetune, arguments: str, words: str) -> None:
+    write_part_of_a_set()
+    assert words in gatetune.refused("photographs", *arguments.split())
