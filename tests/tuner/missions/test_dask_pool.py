@@ -203,8 +203,8 @@ def test_registered_plug_ins_run_on_dask(tmp_path, monkeypatch):
     with Cluster(tmp_path, 1) as cluster, DaskPool(cluster.address, 60.0) as executor:
         plugins.use(str(file))  # workers find the file by what they are told
         planned = config.with_values({"gate.kind": "high"})
-        job = MissionJob("one", planned, "slab", 0, tmp_path / "one", fidelity="geometric")
-        ended = run_jobs(executor, [job])["one"]
+        mission = MissionJob("one", planned, "slab", 0, tmp_path / "one", fidelity="geometric")
+        ended = run_jobs(executor, [mission])["one"]
     assert ended.record.status == "ok", ended.record.message
     assert "scorers/high" in (tmp_path / "one" / "mission.json").read_text()
     sys.modules.pop("registers_scorers")

@@ -3,6 +3,7 @@
 import dataclasses
 import functools
 import html
+import json
 import re
 import shlex
 from pathlib import Path
@@ -28,6 +29,7 @@ from tuner.report.comparison import (
     verdict_lines,
     write_comparison_report,
 )
+from tuner.report.pages import recorded, recorded_rows
 
 evaluated = functools.partial(
     fake_campaigns.run, name="tiny", space=load_search_space("gate"), budget=6, sampler="sobol"
@@ -152,3 +154,10 @@ def test_the_page_names_failures(tmp_path: Path) -> None:
     slab = next(row for row in re.findall(r"<tr>.*?</tr>", source) if row.startswith("<tr><td>B-aware</td>"))
     assert slab.count("<td>0.0</td>") == 1  # target by target: the one on which it failed
     assert source.count("Hausdorff ↓ (mm)") == 2  # two surfaces
+
+
+@pytest.mark.parametrize("provenance", ["text", 7, [1], {"versions": "text"}, {"versions": ["numpy"]}])
+def test_a_provenance_that_is_no_record_is_left_out(tmp_path, provenance):
+    (tmp_path / "mission.json").write_text(json.dumps({"provenance": provenance}))
+    assert recorded([tmp_path]) == []
+    assert dict(recorded_rows(recorded([tmp_path])))["machine"] == "not recorded"
