@@ -171,28 +171,14 @@ def gloss(file: Gltf) -> None:
     file.tree["extensionsUsed"] = ["KHR_materials_pbrSpecularGlossiness"]
 
 
-def wrapped(how: int):
-    def change(file: Gltf) -> None:
-        file.primitive["attributes"]["TEXCOORD_0"] = file.accessor({33648: 2 - UV, 10497: UV - 3}[how])
-        file.tree["samplers"] = [{"wrapS": how, "wrapT": how}]
-
-    return change
+def mirrored(file: Gltf) -> None:
+    file.primitive["attributes"]["TEXCOORD_0"] = file.accessor(2 - UV)
+    file.tree["samplers"] = [{"wrapS": 33648, "wrapT": 33648}]
 
 
 def clamped(file: Gltf) -> None:
     file.primitive["attributes"]["TEXCOORD_0"] = file.accessor((UV - 0.5) * 4 + 0.5)
     file.tree["samplers"] = [{"wrapS": 33071, "wrapT": 33071}]
-
-
-def fans(file: Gltf) -> None:
-    every = {**file.primitive, "mode": 6}
-    index = [file.accessor(face, "H") for face in FACES]
-    file.tree["meshes"][0]["primitives"] = [every | {"indices": i} for i in index]
-
-
-def under_a_camera(file: Gltf) -> None:
-    file.tree["cameras"] = [{"type": "perspective", "perspective": {"yfov": 1, "znear": 0.1}}]
-    file.tree["nodes"] = [{"camera": 0, "children": [1], "scale": [2, 2, 2]}, {"mesh": 0}]
 
 
 def edit(**changes):
@@ -204,11 +190,6 @@ def draco(file: Gltf) -> None:
         "KHR_draco_mesh_compression": {"bufferView": 0, "attributes": {"POSITION": 0}}
     }
     file.tree["extensionsUsed"] = ["KHR_draco_mesh_compression"]
-
-
-def meshopt(file: Gltf) -> None:
-    file.tree["bufferViews"][0]["extensions"] = {"EXT_meshopt_compression": {}}
-    file.tree["extensionsRequired"] = ["EXT_meshopt_compression"]
 
 
 def ktx2(*, fallback: bool):
@@ -235,31 +216,20 @@ def moved(file: Gltf) -> None:
     texture["extensions"] = {"KHR_texture_transform": {"offset": [0.25, 0.2], "scale": [2.0, 0.8]}}
 
 
-def second_set(file: Gltf) -> None:
-    file.primitive["attributes"]["TEXCOORD_1"] = file.accessor(UV)
-    file.tree["materials"][0]["pbrMetallicRoughness"]["baseColorTexture"]["texCoord"] = 1
-
-
 UNPACK = "unpack it: npx @gltf-transform/cli dequantize IN.glb OUT.glb"
 # What is changed in a plain file, and what a note or the refusal then says; "" where nothing is to be said.
 GLTF = {
     "draco": (draco, f"needs the glTF extension KHR_draco_mesh_compression, which is not read; {UNPACK}"),
-    "meshopt": (meshopt, f"needs the glTF extension EXT_meshopt_compression, which is not read; {UNPACK}"),
     "positions in whole numbers": (whole_numbers("POSITION"), f"holds POSITION in whole numbers, which are not read; {UNPACK}"),
     "coordinates in whole numbers": (whole_numbers("TEXCOORD_0"), f"holds TEXCOORD_0 in whole numbers, which are not read; {UNPACK}"),
     "a texture that is moved": (moved, "moves its texture.* not read; export it plainly"),
-    "a second set of coordinates": (second_set, "second set of coordinates for it, which is not read; export it plainly"),
     "colours with a material": (colored_material, ""),
     "colours of materials": (factors, ""),
     "specular glossiness": (gloss, "not read; convert it: npx @gltf-transform/cli metalrough IN.glb OUT.glb"),
-    "mirrored beyond 1": (wrapped(33648), "a texture that is clamped or mirrored; export it with coordinates from 0 to 1"),
-    "repeated beyond 1": (wrapped(10497), ""),
+    "mirrored beyond 1": (mirrored, "a texture that is clamped or mirrored; export it with coordinates from 0 to 1"),
     "clamped": (clamped, "a texture that is clamped or mirrored"),
     "clamped, but within 0 to 1": (edit(samplers=[{"wrapS": 33071, "wrapT": 33071}]), ""),
-    "fans": (fans, ""),
-    "under a camera": (under_a_camera, ""),
     "no scene": (lambda f: [f.tree.pop(k) for k in ("scene", "scenes")], "has no scene, so that nothing in it is shown; export it again"),
-    "no default scene": (lambda f: f.tree.pop("scene"), ""),
     "extension that may be left out": (edit(extensionsUsed=["EXT_mesh_gpu_instancing"]), "not read: EXT_mesh_gpu_instancing"),
     "textures for graphics cards": (ktx2(fallback=False), "not read: a texture.* of a format that is not read; PNG and JPEG are"),
     "textures for graphics cards, and a picture": (ktx2(fallback=True), ""),

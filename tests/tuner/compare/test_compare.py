@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from made_evaluations import made_trial
 from photographed_ball import spread, write_set
+from refusals import refused
 from typer.testing import CliRunner
 
 from nbv.config import preset
@@ -88,8 +89,7 @@ def test_a_comparison_leaves_its_files_and_runs_nothing_twice(tmp_path):
     before = {m: m.stat().st_mtime_ns for m in missions[1:]}
     compare(*asked)
     assert missions[0].is_file() and before == {m: m.stat().st_mtime_ns for m in missions[1:]}
-    with pytest.raises(UserError, match="holds another evaluation"):
-        compare(*asked, "--strategy", "covis")
+    refused("holds another evaluation", compare, *asked, "--strategy", "covis")
 
 
 @pytest.mark.parametrize(
