@@ -171,12 +171,9 @@ def gloss(file: Gltf) -> None:
     file.tree["extensionsUsed"] = ["KHR_materials_pbrSpecularGlossiness"]
 
 
-def wrapped(how: int):
-    def change(file: Gltf) -> None:
-        file.primitive["attributes"]["TEXCOORD_0"] = file.accessor({33648: 2 - UV, 10497: UV - 3}[how])
-        file.tree["samplers"] = [{"wrapS": how, "wrapT": how}]
-
-    return change
+def mirrored(file: Gltf) -> None:
+    file.primitive["attributes"]["TEXCOORD_0"] = file.accessor(2 - UV)
+    file.tree["samplers"] = [{"wrapS": 33648, "wrapT": 33648}]
 
 
 def edit(**changes):
@@ -230,11 +227,9 @@ GLTF = {
     "colours with a material": (colored_material, ""),
     "colours of materials": (factors, ""),
     "specular glossiness": (gloss, "not read; convert it: npx @gltf-transform/cli metalrough IN.glb OUT.glb"),
-    "mirrored beyond 1": (wrapped(33648), "a texture that is clamped or mirrored; export it with coordinates from 0 to 1"),
-    "repeated beyond 1": (wrapped(10497), ""),
+    "mirrored beyond 1": (mirrored, "a texture that is clamped or mirrored; export it with coordinates from 0 to 1"),
     "clamped, but within 0 to 1": (edit(samplers=[{"wrapS": 33071, "wrapT": 33071}]), ""),
     "no scene": (lambda f: [f.tree.pop(k) for k in ("scene", "scenes")], "has no scene, so that nothing in it is shown; export it again"),
-    "no default scene": (lambda f: f.tree.pop("scene"), ""),
     "extension that may be left out": (edit(extensionsUsed=["EXT_mesh_gpu_instancing"]), "not read: EXT_mesh_gpu_instancing"),
     "textures for graphics cards": (ktx2(fallback=False), "not read: a texture.* of a format that is not read; PNG and JPEG are"),
     "textures for graphics cards, and a picture": (ktx2(fallback=True), ""),

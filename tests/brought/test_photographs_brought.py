@@ -1,5 +1,6 @@
 """Photographs that people bring: one small case of each kind, with what is true beside it, and variants that are drawn."""
 
+import functools
 import io
 import re
 import shutil
@@ -14,10 +15,10 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from PIL import Image
+from refusals import refused
 from rendered_photographs import save, silent, write_folder
 from scene_helpers import around
 
-from nbv.errors import UserError
 from nbv.geometry.frames import align_umeyama, look_at
 from nbv.photographs.dense_reference import object_cloud
 from nbv.photographs.folder import SourcePhotograph, _position, read_folder
@@ -36,11 +37,7 @@ def source_of(folder: Path, masks: Path | None = None, max_size_px: int = 160) -
     return ImportSource(tuple(photographs), max_size_px, silent, masks=found)
 
 
-def refusal(call, *args: object) -> str:
-    with pytest.raises(UserError) as told:
-        call(*args)
-    assert "\n" not in str(told.value)
-    return str(told.value)
+refusal = functools.partial(refused, "")
 
 
 def alpha(mask: np.ndarray) -> Image.Image:
@@ -485,15 +482,6 @@ def test_copies_are_no_photographs(tmp_path: Path) -> None:
     assert len(notes) == 1
     small, _ = read_folder(tmp_path / "all" / "images_4", silent)
     assert len(small) == 9  # what stands alone is a photograph
-
-
-def test_upright_thumbnails_of_a_turned_photograph_are_copies(tmp_path: Path) -> None:
-    for path in sorted(pictures(tmp_path / "photographs").iterdir()):
-        shrunk(path, tmp_path / "photographs" / "small" / path.name, (160, 120), 70)
-        sideways = Image.open(path).transpose(Image.Transpose.ROTATE_90)
-        save(sideways, path, int(path.stem[-1]), orientation=6)
-    found, _ = read_folder(tmp_path / "photographs", silent)
-    assert len(found) == 9 and {p.size_px for p in found} == {(360, 480)}
 
 
 def test_neighbouring_views_are_photographs(tmp_path: Path) -> None:

@@ -19,17 +19,6 @@ ROOT = Path(__file__).resolve().parent.parent.parent
 RESULTS = ROOT / "docs" / "results"
 DATA = RESULTS / "data"
 SOURCES = list(csv.DictReader((DATA / "sources.csv").open(newline="", encoding="utf-8")))
-PAGES = sorted(RESULTS.glob("*.md"))
-
-
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
-def test_the_scripts_of_a_page_exist(page):
-    text = page.read_text(encoding="utf-8")
-    for module in re.findall(r"python -m (research[.\w]*)", text):
-        path = ROOT / module.replace(".", "/")
-        there = path.is_dir() or path.with_suffix(".py").is_file()
-        line = next(line for line in text.splitlines() if f"python -m {module}" in line)
-        assert there or "git checkout" in line, module
 
 
 def test_every_table_of_data_has_a_page_a_commit_and_a_command():

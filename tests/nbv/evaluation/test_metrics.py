@@ -11,11 +11,9 @@ from nbv.errors import MissionFailure
 from nbv.evaluation.cleaning import clean_cloud, find_ground
 from nbv.evaluation.ground_truth import GroundTruthSamples
 from nbv.evaluation.registry import (
-    METRICS,
     Distances,
     azimuth_sectors,
     compute_metrics,
-    find_metric,
     measure_all,
     sector_centers_deg,
     share_by_sector,
@@ -32,14 +30,6 @@ def distance_scores(to_cloud_m, to_truth_m, thresholds_mm):
     config = dataclasses.replace(CONFIG, thresholds_mm=thresholds_mm)
     sectors = np.zeros(len(to_cloud_m), dtype=np.int64)
     return measure_all(Distances(1000.0 * to_cloud_m, 1000.0 * to_truth_m, sectors, config))
-
-
-def test_every_number_of_a_result_is_a_described_metric():
-    scores = distance_scores(np.array([0.01, 0.03]), np.array([0.02]), (16.0, 48.0))
-    labels = {key: find_metric(key)[1] for key in scores}
-    assert labels["f_score_16mm"] == "F-score @ 16 mm" and labels["c2c_p95_mm"] == "P95 C2C distance"
-    assert all(metric.unit in ("mm", "%") for metric in METRICS.values())
-    assert find_metric("n_gt_samples") is None
 
 
 def truth_of(points, observable=None):

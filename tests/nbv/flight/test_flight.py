@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
+from refusals import refused
 
 from nbv.config import FlightConfig, MissionConfig, TelemetryConfig, WindConfig, preset
-from nbv.errors import UserError
 from nbv.flight import Airspace, Flight, Pose
 from nbv.flight.flight import arrival_position
 from nbv.flight.leg import fly_straight, ground_speed_m_s, mean_wind_m_s, power_w, sway_m
@@ -108,8 +108,7 @@ def test_no_leg_goes_nearer_to_the_axis_than_the_keep_out_or_its_ends(start: Pos
     ],
 )
 def test_a_home_in_the_rock_or_its_keep_out_is_refused(values, says) -> None:
-    with pytest.raises(UserError, match=says):
-        run_geometric_mission(preset("campaign").with_values(values), "slab-3")
+    refused(says, run_geometric_mission, preset("campaign").with_values(values), "slab-3")
 
 
 def test_arrival_error_is_within_tolerance_and_spread() -> None:

@@ -9,9 +9,9 @@ import pycolmap
 import pytest
 from photographed_ball import write_part_of_a_set
 from PIL import Image
+from refusals import refused
 from rendered_photographs import FOCAL_35_MM, save, silent
 
-from nbv.errors import UserError
 from nbv.photographs import PhotographSet, list_sets
 from nbv.photographs.folder import SourcePhotograph, read_folder, read_pixels
 from nbv.photographs.import_source import ImportSource, find_masks
@@ -31,10 +31,7 @@ def folder(tmp_path: Path) -> Path:
 
 
 def refusal(folder: Path) -> str:
-    with pytest.raises(UserError) as told:
-        read_folder(folder, silent)
-    assert "\n" not in str(told.value)
-    return str(told.value)
+    return refused("", read_folder, folder, silent)
 
 
 def test_exif_is_read_and_the_order_is_that_of_the_clock(folder: Path) -> None:
@@ -137,8 +134,7 @@ def test_masks_are_found_by_name(tmp_path: Path) -> None:
     source = ImportSource(tuple(photographs), 64, lambda *_: None, masks=found)
     assert source.mask("IMG_3") is None
     (tmp_path / "img_0.png").write_bytes(b"no picture")
-    with pytest.raises(UserError, match="cannot be read"):
-        source.mask("IMG_0")
+    refused("cannot be read", source.mask, "IMG_0")
 
 
 @pytest.fixture
@@ -168,8 +164,6 @@ def test_pictures_are_checked(small_set: PhotographSet) -> None:
     assert np.abs(small_set.image("p000").astype(int) - pixels).max() <= 2
     assert small_set.mask("p000") is None
     path.write_bytes(path.read_bytes()[:300])
-    with pytest.raises(UserError, match="damaged"):
-        small_set.image("p000")
+    refused("damaged", small_set.image, "p000")
     Image.fromarray(pixels[:40]).save(path)
-    with pytest.raises(UserError, match="480 x 40"):
-        small_set.image("p000")
+    refused("480 x 40", small_set.image, "p000")

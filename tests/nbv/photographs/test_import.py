@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from PIL import Image
+from refusals import refused
 from rendered_photographs import CAMERA, MAX_SIZE_PX, POSITIONS_M, render, save, silent, write_folder
 from scene_helpers import BALL_RADIUS_M, around
 
@@ -91,8 +92,7 @@ def test_a_failure_late_leaves_nothing(ball_set, ball_folder, ball_store, monkey
     options = ImportOptions(max_size_px=MAX_SIZE_PX)
     before = sorted(p.name for p in sets_folder().iterdir())
     for name, force in (("late", False), ("ball", True)):
-        with pytest.raises(UserError, match="no surface"):
-            import_photographs(ball_folder, name, options, silent, ball_store, force=force)
+        refused("no surface", import_photographs, ball_folder, name, options, silent, ball_store, force=force)
     assert sorted(p.name for p in sets_folder().iterdir()) == before
     assert PhotographSet.read("ball").halves == ball_set.halves
 

@@ -10,6 +10,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from refusals import refused
 from scene_helpers import SMALL_GROUND
 from typer.testing import CliRunner
 
@@ -171,25 +172,19 @@ def test_what_is_registered_reaches_workers_unless_it_is_in_the_script_itself(pa
         plugins.register("scorers", "mine-low", sys.modules["mine_registers"].LOW)
     code = "from nbv.plugins import register; register('scorers', 'shell', LOW)"
     exec(code, {"__name__": "__main__", "LOW": sys.modules["mine_registers"].LOW})
-    with pytest.raises(UserError, match="registered in a script or notebook itself"):
-        plugins.plugin_specs()
-    with pytest.raises(UserError, match="cannot be imported"):
-        plugins.use("no_such_module")
-    with pytest.raises(UserError, match=r"--plugin no_such\.py: there is no such file"):
-        plugins.use("no_such.py")
+    refused("registered in a script or notebook itself", plugins.plugin_specs)
+    refused("cannot be imported", plugins.use, "no_such_module")
+    refused(r"--plugin no_such\.py: there is no such file", plugins.use, "no_such.py")
     (tmp_path / "faceless.py").write_text(
         "from nbv.plugins import register\nregister('scorers', 'a', object())\n"
     )
     with pytest.raises(UserError, match=r"^scorer 'a' of faceless is no scorer: an object without main_term"):
         plugins.use(str(tmp_path / "faceless.py"))
     (tmp_path / "registers_nothing.py").write_text("")
-    with pytest.raises(UserError, match="registers_nothing registers nothing"):
-        plugins.use(str(tmp_path / "registers_nothing.py"))
+    refused("registers_nothing registers nothing", plugins.use, str(tmp_path / "registers_nothing.py"))
     (tmp_path / "json.py").write_text("")
-    with pytest.raises(UserError, match=r"another module is called json .* rename the file"):
-        plugins.use(str(tmp_path / "json.py"))
-    with pytest.raises(UserError, match="there is no group 'planners'"):
-        plugins.register("planners", "a", None)
+    refused(r"another module is called json .* rename the file", plugins.use, str(tmp_path / "json.py"))
+    refused("there is no group 'planners'", plugins.register, "planners", "a", None)
     with pytest.raises(UserError, match="settings must be a frozen dataclass"):
         bad = SimpleNamespace(main_term=0, weights=0, rank=0, settings=Section())
         plugins.register("scorers", "b", bad)
@@ -272,13 +267,11 @@ def test_a_written_package_installs_and_its_test_passes(kind, tmp_path):
 
 
 def test_init_and_list_refuse_and_say_when_there_is_nothing(tmp_path, monkeypatch):
-    with pytest.raises(UserError, match="cannot name a plug-in"):
-        gatetune("plugin", "init", "Mine!")
+    refused("cannot name a plug-in", gatetune, "plugin", "init", "Mine!")
     for taken in ("random", "pool"):
         with pytest.raises(UserError, match=f"'{taken}' is already the name of a strategy or section"):
             gatetune("plugin", "init", taken, "--out", tmp_path / taken)
-    with pytest.raises(UserError, match="exists"):
-        gatetune("plugin", "init", "mine", "--out", tmp_path)
+    refused("exists", gatetune, "plugin", "init", "mine", "--out", tmp_path)
     monkeypatch.setattr(metadata, "entry_points", lambda group: [])
     monkeypatch.setattr(plugins, "_registered", {})
     plugins.installed.cache_clear()

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import trimesh
 from PIL import Image
+from refusals import refused
 from textured_ball import PICTURE, write_ball
 
 from nbv.errors import UserError
@@ -127,8 +128,7 @@ def test_bad_files_are_refused_in_one_line(tmp_path, name):
 def test_a_texture_of_very_many_pixels_is_not_unpacked(tmp_path: Path) -> None:
     path = write_ball(tmp_path, Image.new("1", (1, 1)))
     Image.new("1", (13_000, 13_000)).save(tmp_path / PICTURE)
-    with pytest.raises(UserError, match=r"pixels is 1.69e\+08; the limit is 1e\+08"):
-        import_mesh(path)
+    refused(r"pixels is 1.69e\+08; the limit is 1e\+08", import_mesh, path)
 
 
 COARSE_M = 0.03
@@ -156,12 +156,9 @@ def test_splits_are_ranges_of_seeds() -> None:
 
 def test_what_is_no_generated_rock_is_said() -> None:
     assert generated_name("boulder") is None and generated_name("pebble-3") is None
-    with pytest.raises(UserError, match=r"no family 'pebble' of rocks; choose from boulder"):
-        generated_recipe("pebble", 3)
-    with pytest.raises(UserError, match=r"seed -1 .* not from 0"):
-        generated_recipe("slab", -1)
-    with pytest.raises(UserError, match=r"seed 99999999 .* not from 0"):
-        load_rock("slab-99999999")
+    refused(r"no family 'pebble' of rocks; choose from boulder", generated_recipe, "pebble", 3)
+    refused(r"seed -1 .* not from 0", generated_recipe, "slab", -1)
+    refused(r"seed 99999999 .* not from 0", load_rock, "slab-99999999")
 
 
 COARSER_M = 0.025

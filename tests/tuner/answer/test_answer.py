@@ -9,9 +9,9 @@ import fake_campaigns
 import numpy as np
 import pytest
 from made_evaluations import made_metrics, made_trial
+from refusals import refused
 
 from nbv.config import MissionConfig, SeedConfig, preset
-from nbv.errors import UserError
 from nbv.viewpoints import seed_viewpoints
 from tuner.answer.answer import answer_of, flight_of, table_of
 from tuner.answer.effects import drift_of
@@ -228,10 +228,8 @@ def test_the_table_has_a_column_for_each_kind_of_target() -> None:
 def test_the_surrogate_is_asked_from_python(campaign: Campaign) -> None:
     mean, low, high = campaign.predict({"gate.geometry_scorer": "predicted"})
     assert low < mean < high
-    with pytest.raises(UserError, match="not tuned"):
-        campaign.predict({"gate.kind": "random"})
-    with pytest.raises(UserError, match=r"seeds is 400"):
-        campaign.predict({"seeds": 400})
+    refused("not tuned", campaign.predict, {"gate.kind": "random"})
+    refused(r"seeds is 400", campaign.predict, {"seeds": 400})
 
 
 def test_an_evaluation_of_an_earlier_recommendation_counts_for_the_baselines_alone(campaign, monkeypatch):

@@ -14,6 +14,7 @@ import pytest
 from fake_campaigns import settings
 from fake_missions import fake_mission
 from in_process import InProcessExecutor
+from refusals import refused
 
 from nbv import plugins
 from nbv.errors import UserError
@@ -61,11 +62,9 @@ def test_a_ledger_that_is_damaged_further_up_or_has_lost_its_end_is_named(copy):
     journal = copy / "study.journal"
     lines = journal.read_bytes().splitlines(keepends=True)
     journal.write_bytes(b"".join([*lines[:3], lines[3][:9], *lines[4:]]))
-    with pytest.raises(UserError, match=r"the ledger .* is damaged"):
-        Campaign.open(copy)
+    refused(r"the ledger .* is damaged", Campaign.open, copy)
     journal.write_bytes(b"".join(lines[: len(lines) // 2]))
-    with pytest.raises(UserError, match=r"knows nothing of missions/000[1-4].*its end was lost"):
-        Campaign.open(copy)
+    refused(r"knows nothing of missions/000[1-4].*its end was lost", Campaign.open, copy)
 
 
 def test_the_result_of_another_mission_is_not_believed(copy):
@@ -83,8 +82,7 @@ def test_the_result_of_another_mission_is_not_believed(copy):
     assert load_trial(job(replicate=7)) is None
     (directory / "mission.json").write_text("[1]")
     assert load_trial(job()) is None
-    with pytest.raises(UserError, match=r"mission\.json is not a mission result"):
-        MissionResult.load(directory)
+    refused(r"mission\.json is not a mission result", MissionResult.load, directory)
 
 
 def test_changed_code_is_asked_about(copy, monkeypatch):
@@ -120,8 +118,7 @@ def test_a_changed_rock_is_asked_about_and_put_back_goes_on(put_back, copy, monk
     assert finished(fake_campaigns.stop_after(3)) == 3
     content[0] = "2" * 64
     for _ in range(2):
-        with pytest.raises(UserError, match="is another one since trial"):
-            finished()
+        refused("is another one since trial", finished)
     if put_back:
         content[0] = "1" * 64
     assert finished(accept_changes=not put_back) == 7

@@ -11,13 +11,11 @@ from typing import Any
 
 import fake_campaigns
 import pytest
-import typer
 from photographed_ball import write_part_of_a_set
 
 from nbv.config import preset
 from tuner.campaign.campaign import Campaign, CampaignEvent
 from tuner.campaign.settings import CampaignSettings
-from tuner.cli import app
 from tuner.commands import evaluate
 from tuner.commands.campaign_display import event_line, mission_line
 from tuner.commands.console import output
@@ -102,15 +100,6 @@ def test_confirm_flies_both_with_replicates_nobody_has_flown(gatetune, tmp_path,
     assert {found.name, "hyb-h", "orbit"} <= set(plan.strategies) and plan.rocks == ("a",)
     assert {job.replicate for job in plan.jobs(tmp_path)} == {7, 8, 9}
     assert "was not tuned on 'elsewhere'" in gatetune.refused("confirm", run.directory, "--rock", "elsewhere")
-
-
-def test_every_command_shows_an_example() -> None:
-    def leaves(command: Any, path: str) -> list[str]:
-        if hasattr(command, "commands"):
-            return [x for name, c in command.commands.items() for x in leaves(c, f"{path} {name}")]
-        return [] if f"Example: {path}" in str(command.help) else [path]
-
-    assert leaves(typer.main.get_command(app), "gatetune") == []
 
 
 def test_ctrl_c_while_it_loads_shows_no_traceback(tmp_path: Path) -> None:

@@ -11,8 +11,8 @@ from pathlib import Path
 import fake_campaigns
 import pytest
 from made_evaluations import made_facts, made_run
+from refusals import refused
 
-from nbv.errors import UserError
 from tuner.answer.answer import answer_of
 from tuner.campaign.begin import begin_campaign
 from tuner.campaign.campaign import Campaign
@@ -96,8 +96,7 @@ def test_a_campaign_that_is_there_is_not_run_with_other_settings(tmp_path, monke
     monkeypatch.setattr("tuner.commands.campaign.run_and_report", lambda *_, **__: None)
     words = ["campaign", "run", "--name", "b", "--resume-if-present", "--budget"]
     app([*words, "6", "--quick"], standalone_mode=False)  # what --quick alone would set is not given
-    with pytest.raises(UserError, match="budget is 6 there, not 12"):
-        app([*words, "12"], standalone_mode=False)
+    refused("budget is 6 there, not 12", app, [*words, "12"], standalone_mode=False)
 
 
 def test_campaign_of_failures_alone_has_a_page(tmp_path: Path) -> None:
