@@ -141,10 +141,9 @@ def test_one_parameter_may_set_several_paths() -> None:
 
 
 def test_files_that_cannot_be_read(tmp_path: Path) -> None:
-    with pytest.raises(
-        UserError, match="unknown search space 'gates'; there are full, gate, gate_and_weights,"
-    ):
-        load_search_space("gates")
+    refused(
+        "unknown search space 'gates'; there are full, gate, gate_and_weights,", load_search_space, "gates"
+    )
     refused("cannot read", load_search_space, tmp_path / "none.yaml")
     (tmp_path / "binary.yaml").write_bytes(b"\xff\xfe\x00\x9f")
     refused(r"cannot read|not YAML", load_search_space, tmp_path / "binary.yaml")
