@@ -1,6 +1,5 @@
 """Values as users write them, and files from anybody: what is not as it must be is one line."""
 
-import re
 import resource
 from pathlib import Path
 
@@ -58,9 +57,7 @@ def test_a_plain_value_is_what_yaml_1_2_says(text: str, value: object) -> None:
         assert read == value and type(read) is type(value)
 
 
-@pytest.mark.parametrize("text, words", REFUSED.items())
-def test_what_is_no_plain_value_is_one_line(text: str, words: str) -> None:
-    refused(re.escape(words), parse_yaml, text, "it")
+def test_a_mapping_may_take_in_another() -> None:
     assert parse_yaml("base: &b {x: 1}\na: {<<: *b, y: 2}", "it")["a"] == {"x": 1, "y": 2}
 
 
@@ -82,6 +79,7 @@ def test_what_is_written_reads_back_by_either_version(tree: object) -> None:
 @pytest.mark.parametrize(
     "text, says",
     [
+        *REFUSED.items(),
         ("a: &a [*a]", "recursive"),
         ("a: *b", "alias"),
         ("[" * 100_000, "the depth is 41; the limit is 40 (GATETUNE_LIMITS=10 raises"),
@@ -98,7 +96,7 @@ def test_what_is_written_reads_back_by_either_version(tree: object) -> None:
     ],
 )
 def test_yaml_that_is_not_read_is_one_line(text: str, says: str) -> None:
-    refused(re.escape(says), parse_yaml, text, "it")
+    assert says in refused("", parse_yaml, text, "it")
 
 
 def test_only_files_of_a_size_are_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -3,7 +3,6 @@
 import csv
 import importlib
 import importlib.util
-import re
 from dataclasses import astuple
 from pathlib import Path
 
@@ -33,19 +32,6 @@ def test_every_table_of_data_has_a_page_a_commit_and_a_command():
 @pytest.mark.parametrize("path", sorted((ROOT / "research").glob("**/*.py")), ids=lambda path: path.stem)
 def test_a_script_imports_what_exists(path):
     importlib.import_module(".".join(path.relative_to(ROOT).with_suffix("").parts))
-
-
-def test_pages_that_the_code_names_exist():
-    files = [
-        path
-        for folder in ("nbv", "tuner", "search_spaces")
-        for path in (ROOT / folder).rglob("*")
-        if path.suffix in (".py", ".yaml")
-    ]
-    named = {
-        page for path in files for page in re.findall(r"\bdocs/[\w/-]+\.md", path.read_text(encoding="utf-8"))
-    }
-    assert named and not [page for page in named if not (ROOT / page).is_file()]
 
 
 def test_figures_are_drawn_from_the_data_alone():

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from refusals import refused
 
-from nbv.config import PRESETS, MissionConfig, SceneConfig, config_from_dict, parameters, preset
+from nbv.config import PRESETS, MissionConfig, SceneConfig, config_from_dict, preset
 from nbv.errors import UserError
 
 
@@ -94,14 +94,6 @@ def test_a_sun_is_where_its_angles_put_it() -> None:
     assert lower[:2] / np.linalg.norm(lower[:2]) == pytest.approx(today[:2] / np.linalg.norm(today[:2]))
     assert turned == pytest.approx([-np.linalg.norm(today[:2]), 0.0, today[2]], abs=1e-12)
     assert travel(sun_elevation_deg=None, sun_azimuth_deg=None) == pytest.approx(travel(), abs=0)
-
-
-@pytest.mark.parametrize("path", parameters())
-def test_a_parameter_has_a_meaning_and_a_source(path: str) -> None:
-    about = parameters()[path]
-    assert about.meaning
-    assert about.source in ("text", "code", "gatetune")
-    assert about.reason or about.source == "gatetune"  # the place in the paper or the public code
 
 
 def test_the_paper_s_preset_is_the_defaults_and_changes_nothing() -> None:

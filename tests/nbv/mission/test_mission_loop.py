@@ -201,24 +201,6 @@ def test_altitudes_count_from_the_ground_in_the_model(ground_m: float) -> None:
     assert mission.config.target.ground_m == pytest.approx(ground_m, abs=0.05)
 
 
-class FoundLate(OnTheGround):
-    """The first photographs show nothing of the target; after two planned ones it is there."""
-
-    def _model(self) -> SparseModel:
-        self.points = 6000 if self.adds >= 2 else 20 - 50 * self.adds
-        return super()._model() if self.adds >= 2 else CountingReconstructor._model(self)
-
-
-def test_places_about_a_target_found_late_have_names_of_their_own() -> None:
-    rough = {**ROUGH, "photographs": 64, "stop.criterion": "budget"}
-    config = with_target_error(preset("campaign").with_values(rough), "rock", 3)
-    mission = made(config, FoundLate(), Flight(config, "rock", 3))
-    mission.run()
-    np.testing.assert_allclose(mission.config.target_m, [0.5, 0.0, 0.75], atol=0.1)
-    names = [capture.name for capture in mission.captures]
-    assert len(set(names)) == len(names) > 26
-
-
 def test_without_a_target_in_the_model_belief_stays_and_it_is_looked_for_again() -> None:
     """Twenty points show nothing; those that later photographs add may."""
     config = with_target_error(preset("campaign").with_values(ROUGH), "rock", 3)

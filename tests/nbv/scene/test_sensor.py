@@ -49,29 +49,6 @@ def test_standard_deviation_is_as_configured(value):
     assert np.abs(np.corrcoef(flat.T) - np.eye(3)).max() < 0.02  # channels are independent
 
 
-def test_a_photograph_depends_on_its_key_alone(raycast, ball):
-    drawn = {
-        "exposure_jitter_ev": 0.3,
-        "exposure_time_s": 0.01,
-        "residual_speed_m_s": 0.5,
-        "jpeg_quality": 90,
-    }
-    keys = [
-        (ball.sha256, 2, "seed_00"),
-        (ball.sha256, 2, "cand_017"),
-        (ball.sha256, 3, "seed_00"),
-        ("f" * 64, 2, "seed_00"),
-    ]
-
-    def taken(keys):
-        sensor = Sensor(config(**drawn))
-        return {key: sensor.photograph(raycast, POSE, key) for key in keys}
-
-    forwards, backwards = taken(keys), taken(reversed(keys))
-    assert all(np.array_equal(forwards[key], backwards[key]) for key in keys)
-    assert len({photograph.tobytes() for photograph in forwards.values()}) == len(keys)
-
-
 @pytest.mark.parametrize("stops", [-2.0, -1.0, 1.0])
 def test_a_stop_doubles_the_light(stops):
     brighter = exposed(GREY, exposure_ev=stops)
