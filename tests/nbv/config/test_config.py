@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 from refusals import refused
+from scoring_state import few_seeds
 
 from nbv.config import PRESETS, MissionConfig, SceneConfig, config_from_dict, preset
 from nbv.errors import UserError
@@ -24,14 +25,6 @@ def test_names_are_checked_when_a_configuration_is_read() -> None:
 def test_a_parameter_has_one_value() -> None:
     with pytest.raises(UserError, match="has two values; leave one out"):
         config_from_dict({"seed.span_deg": 9.0, "seed": {"span_deg": 8.0}})
-
-
-FEW_SEEDS = {
-    "seeds": 8,
-    "seed.layout": "turn",
-    "sparse.ground_features": 2000,
-    "sparse.min_registered_seeds": 6,
-}
 
 
 @pytest.mark.parametrize(
@@ -60,7 +53,7 @@ FEW_SEEDS = {
     ],
 )
 def test_values_that_cannot_be_are_refused(values: dict, says: str) -> None:
-    refused(says, MissionConfig().with_values(FEW_SEEDS).with_values, values)
+    refused(says, MissionConfig().with_values(few_seeds(8)).with_values, values)
 
 
 @pytest.mark.parametrize(

@@ -16,6 +16,7 @@ import pytest
 from photographed_ball import spread, write_set
 from refusals import refused
 from scene_helpers import SMALL_GROUND, make_ball
+from scoring_state import few_seeds
 
 from nbv.cache import Store
 from nbv.config import CameraConfig, MissionConfig, load_condition, preset, under
@@ -35,7 +36,7 @@ from nbv.viewpoints import seed_viewpoints
 NAMES = ("preset", "condition")  # what a configuration is called
 CALLED = "gate.kind"
 FEW = {"photographs": 27}
-TURN = {"photographs": 18, "seeds": 15, "seed.layout": "turn", "sparse.ground_features": 2000}
+TURN = {"photographs": 18, **few_seeds(15)}
 NOISY = {"telemetry.horizontal_noise_m": 0.1, "telemetry.vertical_noise_m": 0.1}
 # Among what a parameter matters, and a value that does, where neither is plain.
 BESIDE: dict[str, tuple[dict[str, Any], Any]] = {

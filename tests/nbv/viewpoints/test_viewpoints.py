@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scoring_state import few_seeds
 
 from nbv.config import MissionConfig, SeedConfig, preset
 from nbv.viewpoints import candidate_pool, raw_candidates, seed_viewpoints
@@ -33,16 +34,7 @@ def test_seeds() -> None:
 
 
 def turn(count: int, **seed: Any) -> MissionConfig:
-    values = {f"seed.{name}": value for name, value in seed.items()}
-    return MissionConfig().with_values(
-        {
-            "seeds": count,
-            "seed.layout": "turn",
-            "sparse.ground_features": 2000,
-            "sparse.min_registered_seeds": 6,
-            **values,
-        }
-    )
+    return MissionConfig().with_values(few_seeds(count, **seed))
 
 
 def test_two_rings_have_even_steps_each() -> None:
@@ -106,16 +98,8 @@ def test_survivors_obey_every_filter(picks: list[int], x: float, y: float) -> No
 
 
 def test_what_the_seed_ring_lacks_is_a_candidate_for_predicted_alone_however_low():
-    values = {
-        "seeds": 12,
-        "seed.layout": "turn",
-        "seed.lowest_deg": 10.0,
-        "seed.radius_m": 3.5,
-        "pool.min_altitude_m": 2.0,
-        "sparse.min_registered_seeds": 6,
-    }
-    registering = {"sparse.min_registered_seeds": 6, "sparse.ground_features": 2000}
-    paper = preset("campaign").with_values({**values, **registering})
+    values = few_seeds(12, lowest_deg=10.0, radius_m=3.5)
+    paper = preset("campaign").with_values({**values, "pool.min_altitude_m": 2.0})
     planned = paper.with_values({"gate.kind": "predicted"})
     here, none = np.array(paper.target_m), np.zeros((0, 3))
     of_paper, of_planned = (candidate_pool(config, here, none) for config in (paper, planned))

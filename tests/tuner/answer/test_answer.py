@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from made_evaluations import made_metrics, made_trial
 from refusals import refused
+from scoring_state import few_seeds
 
 from nbv.config import MissionConfig, SeedConfig, preset
 from nbv.viewpoints import seed_viewpoints
@@ -84,16 +85,8 @@ def test_spaces_have_the_answers_that_they_can_give() -> None:
 @pytest.mark.parametrize("number", [16, 20, 32])
 def test_the_papers_strategies_fly_the_papers_rings(number: int) -> None:
     """Whatever the seeds of the campaign are: shares of 8 : 6 : 6 : 4 at 4 m."""
-    ring = {
-        "photographs": number,
-        "seeds": number - 8,
-        "seed.layout": "turn",
-        "seed.lowest_deg": 10.0,
-        "seed.radius_m": 3.5,
-    }
-    base = preset("campaign").with_values(
-        {**ring, "sparse.ground_features": 2000, "sparse.min_registered_seeds": 6}
-    )
+    ring = few_seeds(number - 8, lowest_deg=10.0, radius_m=3.5)
+    base = preset("campaign").with_values({"photographs": number, **ring})
     for name in PAPER_STRATEGIES:
         config = baseline(name).config(base)
         assert config.seed == SeedConfig() and config.seeds == base.seeds
