@@ -34,14 +34,10 @@ def of(scene, surface_m=None):
     return PosedViews(scene.images, scene.poses, scene.camera, TARGET, CONFIG, surface_m)
 
 
-def test_source_views_are_the_nearest_in_direction():
+def test_source_views_are_the_nearest_and_neighbours_lie_within_the_angles_best_first():
     poses = {f"v{a:03d}": orbit_pose(a, 0.0) for a in (0, 2, 6, 10, 20, 50, 180)}
     assert posed(poses, DenseConfig(consistency_views=3)).source_views["v010"] == ["v006", "v002", "v000"]
     assert len(posed(poses, DenseConfig(consistency_views=9)).source_views["v010"]) == 6
-
-
-def test_neighbours_lie_within_the_angles_best_first():
-    poses = {f"v{a:03d}": orbit_pose(a, 0.0) for a in (0, 2, 6, 10, 20, 50, 180)}
     assert posed(poses, DenseConfig(neighbours=9)).neighbours["v000"] == ["v010", "v006", "v020"]
     assert posed(poses, DenseConfig(neighbours=2)).neighbours["v000"] == ["v010", "v006"]
     assert posed(poses, DenseConfig()).neighbours["v180"] == []
