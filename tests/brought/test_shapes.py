@@ -76,7 +76,6 @@ SHAPES = {
     "continued.obj": (l_obj(POLYGONS).replace("f 2 3 4 ", "f 2 3 4 \\\n"), 22.2, 5.4),
     "tabs.obj": (l_obj(gap="\t"), 22.2, 5.4),
     "cr.obj": (l_obj(end="\r"), 22.2, 5.4),
-    "crlf.obj": (l_obj(end="\r\n"), 22.2, 5.4),
     "comma.obj": (l_obj(point=","), 22.2, 5.4),
     "relative.obj": (two_relative(), 44.4, 10.8),
     "indented.obj": (l_obj(indent="  "), "indented lines, which are not read; export it again"),
@@ -87,19 +86,15 @@ SHAPES = {
     "polygons.ply": (l_ply(POLYGONS), MORE),
     "binary_polygons.ply": (l_ply(POLYGONS, binary=True), MORE),
     "mixed.ply": (l_ply(MIXED), MORE),
-    "binary_mixed.ply": (l_ply(MIXED, binary=True), MORE),
     "beyond.ply": (l_ply(BEYOND), NOT_HELD),
     "binary_beyond.ply": (l_ply(BEYOND, binary=True), NOT_HELD),
     "negative.ply": (l_ply([*TRIANGLES, [0, 1, -3]]), NOT_HELD),
     "comma.ply": (l_ply(point=","), "has decimal commas; export it with decimal points"),
     "cut_off.ply": (l_ply(binary=True)[:-40], "damaged or cut off"),
     "triangles.off": (l_off(), 22.2, 5.4),
-    "cr.off": (l_off(end="\r"), 22.2, 5.4),
     "colours.off": (l_off(color=" 255 0 0 255", kind="COFF"), 22.2, 5.4),
     "polygons.off": (l_off(POLYGONS), MORE),
-    "mixed.off": (l_off(MIXED), MORE),
     "beyond.off": (l_off(BEYOND), "cannot be read"),
-    "comma.off": (l_off(point=","), "has decimal commas; export it with decimal points"),
 }
 
 
