@@ -291,7 +291,6 @@ OBJ = {
     "quotes": ({"mtl": 'newmtl rock\nmap_Kd "t.png"\n'}, "not read: '\"t.png\"', which is not beside"),
     "options": ({"mtl": "newmtl rock\nmap_Kd -s 2 2 1 t.png\n"}, "a texture with options (-s 2 2 1 t.png), which are not read"),
     "name with spaces": ({"uses": "my rock", "mtl": "newmtl my rock\nmap_Kd t.png\n"}, ""),
-    "two libraries": ({"library": "b.mtl a.mtl"}, "not read: 'b.mtl a.mtl', which is not beside"),
     "library with spaces": ({"library": "my a.mtl", "stored": "my a.mtl"}, ""),
     "colours of materials": ({"uses": "m{}", "mtl": COLOR_MTL}, ""),
     "library that is not there": ({"library": "b.mtl"}, "not read: 'b.mtl', which is not beside"),

@@ -149,10 +149,7 @@ SERIAL = 0xA435
         ({PLANE_X: 3000.0}, {PLANE_X: 6000.0}, 2),
         ({FOCAL: 18.8, FOCAL_35: 1}, {FOCAL: 18.8}, 1),
         ({FOCAL: 18.8, FOCAL_35: 0, ZOOM: 0.0, LENS: "----"}, {FOCAL: 18.8, ZOOM: 1.0, LENS: ""}, 1),
-        ({FOCAL: 0.0}, {}, 1),
-        ({LENS: "Unknown"}, {LENS: "N/A"}, 1),
         ({LENS: "----"}, {LENS: "0.0 mm f/0.0"}, 1),
-        ({SERIAL: "0000000"}, {}, 1),
         ({SERIAL: "0000001"}, {SERIAL: "0000002"}, 2),
         ({FOCAL_35: 65535}, {}, 1),  # EXIF's word for unknown
         ({FOCAL: 18.8, ISO: 100}, {FOCAL: 29.5, ISO: 100}, 2),  # as TIFF/EP has it, without EXIF's block

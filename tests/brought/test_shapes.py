@@ -76,7 +76,6 @@ SHAPES = {
     "continued.obj": (l_obj(POLYGONS).replace("f 2 3 4 ", "f 2 3 4 \\\n"), 22.2, 5.4),
     "tabs.obj": (l_obj(gap="\t"), 22.2, 5.4),
     "cr.obj": (l_obj(end="\r"), 22.2, 5.4),
-    "crlf.obj": (l_obj(end="\r\n"), 22.2, 5.4),
     "comma.obj": (l_obj(point=","), 22.2, 5.4),
     "relative.obj": (two_relative(), 44.4, 10.8),
     "indented.obj": (l_obj(indent="  "), "indented lines, which are not read; export it again"),
@@ -92,11 +91,9 @@ SHAPES = {
     "comma.ply": (l_ply(point=","), "has decimal commas; export it with decimal points"),
     "cut_off.ply": (l_ply(binary=True)[:-40], "damaged or cut off"),
     "triangles.off": (l_off(), 22.2, 5.4),
-    "cr.off": (l_off(end="\r"), 22.2, 5.4),
     "colours.off": (l_off(color=" 255 0 0 255", kind="COFF"), 22.2, 5.4),
     "polygons.off": (l_off(POLYGONS), MORE),
     "beyond.off": (l_off(BEYOND), "cannot be read"),
-    "comma.off": (l_off(point=","), "has decimal commas; export it with decimal points"),
 }
 
 

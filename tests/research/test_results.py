@@ -17,16 +17,6 @@ from research.predict_completeness import TOLD_FROM, column, features, fit, perc
 ROOT = Path(__file__).resolve().parent.parent.parent
 RESULTS = ROOT / "docs" / "results"
 DATA = RESULTS / "data"
-SOURCES = list(csv.DictReader((DATA / "sources.csv").open(newline="", encoding="utf-8")))
-
-
-def test_every_table_of_data_has_a_page_a_commit_and_a_command():
-    files = {path.name for path in DATA.glob("*.csv")} - {"sources.csv"}
-    assert {row["file"] for row in SOURCES} == files
-    for row in SOURCES:
-        assert row["commit"] and row["command"], row["file"]
-        for page in row["page"].split(", "):
-            assert (RESULTS / page).is_file(), (row["file"], page)
 
 
 @pytest.mark.parametrize("path", sorted((ROOT / "research").glob("**/*.py")), ids=lambda path: path.stem)

@@ -9,17 +9,14 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from in_process import InProcessExecutor
 from refusals import refused
 
 import tuner
-from nbv.config import load_conditions, preset, under
 from nbv.errors import UserError
 from nbv.geometric import run_geometric_mission
 from nbv.mission import MissionResult
 from tuner.campaign.begin import begin_campaign
 from tuner.campaign.settings_file import merged_settings, resolved_settings
-from tuner.comparison.plan import EvaluationPlan, run_evaluation
 from tuner.export.table import write_missions
 
 API = Path(__file__).resolve().parents[2] / "docs" / "reference" / "api.md"
@@ -165,13 +162,3 @@ def test_a_campaign_whose_comparison_cannot_run(tmp_path: Path, asked: dict[str,
     settings = {"rocks": ["slab"], "compare_on": ["arch"], "fidelity": "geometric", "budget": 3, **asked}
     refused(named, tuner.tune, tmp_path / "run", workers=1, **settings)
     assert not (tmp_path / "run").exists()
-
-
-def test_an_evaluation_with_a_strategy_that_cannot_run(tmp_path: Path) -> None:
-    indoors, harsh = load_conditions(["indoors", "harsh"])
-    base = preset("campaign")
-    strategies = {"hyb-h": base, "elsewhere": under(base, harsh)}
-    plan = EvaluationPlan(strategies, ("slab",), fidelity="geometric", conditions=(indoors,))
-    with pytest.raises(UserError, match="strategy elsewhere cannot run under indoors"):
-        run_evaluation(plan, tmp_path / "out", InProcessExecutor())
-    assert not (tmp_path / "out").exists()

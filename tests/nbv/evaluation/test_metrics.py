@@ -142,18 +142,6 @@ def test_a_missing_sector_is_zero_and_an_empty_one_is_none():
     assert share_by_sector(np.array([0, 0]), np.array([1.0, 0.0]), 2) == [50.0, None]
 
 
-def test_the_gate_removes_far_points():
-    truth = sphere(10_000, 8)
-    cloud = np.concatenate([truth[::2], truth[::4] + np.array([0, 0, 0.5])])
-    gated = dataclasses.replace(CONFIG, gt_gate_m=0.05)
-    off, on = (measured(PointCloud(cloud), truth_of(truth), config) for config in (CONFIG, gated))
-    assert off["whole"]["accuracy_48mm"] < 80 and on["whole"]["accuracy_64mm"] == 100
-    assert on["whole"]["hausdorff_cloud_to_gt_mm"] <= 50
-    assert on["n_points"] < off["n_points"] == len(cloud)
-    kept = cloud[cKDTree(truth).query(cloud)[0] <= 0.05]
-    assert measured(PointCloud(kept), truth_of(truth), CONFIG)["whole"] == on["whole"]
-
-
 def test_nothing_to_score_is_a_failure_and_not_zero():
     truth = truth_of(sphere(1000, 9))
     with pytest.raises(MissionFailure) as failure:

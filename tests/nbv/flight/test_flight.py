@@ -1,7 +1,6 @@
 """Legs, detours, arrivals and totals; wind on the way, and telemetry that errs."""
 
 import json
-import math
 
 import numpy as np
 import pytest
@@ -12,7 +11,7 @@ from refusals import refused
 from nbv.config import FlightConfig, MissionConfig, TelemetryConfig, WindConfig, preset
 from nbv.flight import Airspace, Flight, Pose
 from nbv.flight.flight import arrival_position
-from nbv.flight.leg import fly_straight, ground_speed_m_s, mean_wind_m_s, power_w, sway_m
+from nbv.flight.leg import fly_straight, ground_speed_m_s, power_w, sway_m
 from nbv.flight.telemetry import TelemetryErrors
 from nbv.geometric import run_geometric_mission
 from nbv.geometry.frames import heading_to, invert_rigid, look_at, wrap_angle
@@ -218,13 +217,6 @@ def test_a_long_leg_takes_its_length_over_the_ground_speed() -> None:
         # At 3 m/s2 and 8 m/s3 starting and stopping cost a second or two, less at lower speeds.
         windy = fly_straight(*EAST, LIMITS, wind).duration_s
         assert windy - calm == pytest.approx(400 / speed - 400 / 5.0, abs=2.0)
-
-
-def test_the_wind_blows_one_way_all_through_a_replicate() -> None:
-    wind = WindConfig(mean_speed_m_s=3.0)
-    drawn = {mean_wind_m_s(wind, ("rock", replicate)) for replicate in range(6)}
-    assert len(drawn) == 6 and mean_wind_m_s(wind, ("rock", 0)) == mean_wind_m_s(wind, ("rock", 0))
-    assert all(math.hypot(*w) == pytest.approx(3.0) for w in drawn)
 
 
 def test_gusts_move_the_camera_by_what_the_hover_gives() -> None:

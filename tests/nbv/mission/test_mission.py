@@ -1,4 +1,4 @@
-"""One small end-to-end photogrammetric mission, and what its run directory promises."""
+"""One small end-to-end photogrammetric mission, what its run directory promises, and that no way leads to the truth."""
 
 import functools
 import gc

@@ -200,11 +200,6 @@ def test_the_planners_of_the_examples_plan(package, monkeypatch, name):
     assert all(0.0 < capture.top[name]["main"] <= 1.0 for capture in mission.trace)
 
 
-def test_a_gate_without_a_decision_is_none(package):
-    with pytest.raises(UserError, match=r"gate 'undecided' of .* is no gate: a class without decide"):
-        plugins.register("gates", "undecided", type("Undecided", (Gate,), {}))
-
-
 def last(gate, state, pool, rankings):
     scores = np.arange(len(pool), dtype=float)
     return GateDecision(Ranking("last", np.arange(len(pool))[::-1], scores, {"main": scores}), "last")

@@ -1,4 +1,4 @@
-"""What commands print: as JSON, and on a terminal."""
+"""What commands print: as JSON, and on a terminal; sets of photographs."""
 
 import json
 import os
@@ -13,7 +13,6 @@ import fake_campaigns
 import pytest
 from photographed_ball import write_part_of_a_set
 
-from nbv.config import preset
 from tuner.campaign.campaign import Campaign, CampaignEvent
 from tuner.campaign.settings import CampaignSettings
 from tuner.commands import evaluate
@@ -26,14 +25,6 @@ from tuner.problem.space_files import load_search_space
 
 def shown(gatetune: Any, *command: Any) -> Any:
     return json.loads(gatetune.ok(*command, "--json"))
-
-
-def test_a_configuration(gatetune: Any) -> None:
-    tree = shown(gatetune, "config", "show", "--preset", "campaign", "--set", "gate.d95_m=0.2")
-    rows = {row["path"]: row for row in tree["parameters"]}
-    assert rows["gate.d95_m"]["value"] == 0.2 and rows["gate.d95_m"]["source"] == "--set"
-    assert rows["photographs"]["value"] == preset("campaign").photographs
-    assert rows["photographs"]["source"].endswith("preset campaign")
 
 
 @pytest.fixture(scope="module")

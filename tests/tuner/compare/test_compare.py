@@ -92,7 +92,7 @@ def test_a_comparison_leaves_its_files_and_runs_nothing_twice(gatetune, tmp_path
         ("--strategy orbit-stopped", "orbit-stopped: only a planned strategy"),
         ("--strategy random-stopped --rock slab --fidelity photogrammetric", "only a planned strategy"),
         ("--strategy no-such", "unknown strategy 'no-such'.* or named with gatetune --plugin"),
-        ("--campaign no-such", "no-such holds no campaign"),
+        ("--fidelity photographs", "cannot run fidelity photographs"),
         ("--against covis", "is not among the strategies"),
         ("--share 2", "share 2 must be in"),
         ("--set gate.kind=random", "gate.kind is decided by --strategy and --numbers"),
