@@ -37,7 +37,7 @@ def source_of(folder: Path, masks: Path | None = None, max_size_px: int = 160) -
     return ImportSource(tuple(photographs), max_size_px, silent, masks=found)
 
 
-refusal = functools.partial(refused, "")
+refusal = functools.partial(refused, ".")
 
 
 def alpha(mask: np.ndarray) -> Image.Image:

@@ -93,7 +93,7 @@ def test_what_is_written_reads_back_by_either_version(tree: object) -> None:
     ],
 )
 def test_yaml_that_is_not_read_is_one_line(text: str, says: str) -> None:
-    assert says in refused("", parse_yaml, text, "it")
+    assert says in refused(".", parse_yaml, text, "it")
 
 
 def test_only_files_of_a_size_are_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

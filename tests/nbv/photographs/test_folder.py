@@ -31,7 +31,7 @@ def folder(tmp_path: Path) -> Path:
 
 
 def refusal(folder: Path) -> str:
-    return refused("", read_folder, folder, silent)
+    return refused(".", read_folder, folder, silent)
 
 
 def test_exif_is_read_and_the_order_is_that_of_the_clock(folder: Path) -> None:
