@@ -1,4 +1,4 @@
-"""What all tests share: a home of their own."""
+"""What all tests share: a home of their own, and workers none of which waits for another at the end."""
 
 import os
 
@@ -24,3 +24,11 @@ def gatetune_home(tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("GATETUNE_HOME", str(home))
         yield home
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config, log):
+    """Workers take over what others have not begun; by default long tests at the end of one's share leave the others idle."""
+    from xdist.scheduler import WorkStealingScheduling
+
+    return WorkStealingScheduling(config, log)

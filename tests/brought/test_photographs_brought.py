@@ -251,10 +251,12 @@ def test_the_error_that_gps_tells_holds_the_truth(altitudes: str, noise_m: float
     assert find_scale(model, source, of_model) == ("model", 2.0, [])
 
 
-def test_metres_per_unit_are_of_a_model() -> None:
+def test_metres_per_unit_are_of_a_model_and_a_set_has_a_plain_name() -> None:
     for model, height_m in ((None, None), (Path("model"), 1.0)):
         assert "--metres-per-unit is of the model" in refusal(ImportOptions, model, None, height_m, 1.0)
     assert "metres_per_unit is 0" in refusal(ImportOptions, Path("model"), None, None, 0.0)
+    bad_name = refusal(import_photographs, Path("photographs"), "My Set", ImportOptions(), silent)
+    assert "'My Set' cannot name a set of photographs" in bad_name
 
 
 METASHAPE = "File > Export > Export Cameras as Colmap"

@@ -62,7 +62,6 @@ def test_nothing_is_overwritten_without_force(mesh_file):
 @pytest.mark.parametrize("name", ["../escape", "Upper", "", "a b", "-x", "x" * 80])
 def test_unusable_names_are_refused(mesh_file, name):
     refused("cannot name a rock", save_imported, dataclasses.replace(import_mesh(mesh_file), name=name))
-    refused("cannot name a set of photographs", set_folder, name)
 
 
 @pytest.mark.parametrize("name", ["boulder", "boulder-17", "overhang-20001", "cleft-007"])

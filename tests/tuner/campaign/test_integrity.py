@@ -144,7 +144,7 @@ def test_a_campaign_killed_while_it_is_made_goes_on(at, tmp_path, monkeypatch):
     assert run_campaign(campaign, InProcessExecutor()).status.complete == 2
 
 
-WORKERS, MISSION_S, BUDGET = 512, 20.0, 1536
+WORKERS, MISSION_S, BUDGET = 512, 20.0, 1024
 
 
 class SimulatedWorkers(Executor):
