@@ -1,4 +1,4 @@
-"""What all tests share: a home of their own."""
+"""What all tests share: a home of their own, and how workers share them out."""
 
 import os
 

@@ -1,6 +1,5 @@
 """A terminal whose commands need not load their libraries: each is a process of its own, forked from one that has loaded them."""
 
-import functools
 import json
 import os
 import select
@@ -8,7 +7,6 @@ import subprocess
 import sys
 from importlib import import_module
 from pathlib import Path
-from typing import Self
 
 # What campaigns, their answers and their pages load.
 LOADED = ("tuner.cli", "tuner.samplers.gp", "tuner.jobs", "tuner.report", "tuner.export", "matplotlib.pyplot")
@@ -17,11 +15,6 @@ TIMEOUT_S = 600.0
 
 class Terminal:
     """The process that has loaded them; it ends with ours."""
-
-    @classmethod
-    @functools.cache
-    def open(cls) -> Self:
-        return cls()
 
     def __init__(self) -> None:
         pipe = subprocess.PIPE

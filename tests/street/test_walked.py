@@ -51,7 +51,7 @@ def test_every_command_of_a_page_runs(page, tmp_path):
 
 @pytest.mark.parametrize("target", ["tune", "tune-photographs"])
 def test_from_a_target_of_the_makefile_to_every_command_that_it_names(target, tmp_path):
-    street = Street(tmp_path, SMALL | {"budget": "12"})
+    street = Street(tmp_path, SMALL | {"budget": "16"})
     terminal = "".join(street.run(line) for line in recipe(target, "tune"))
     page = street.file("runs/tune/report.html")
     answer = json.loads(street.run("gatetune campaign status runs/tune --json"))["answer"]

@@ -96,12 +96,6 @@ def test_an_unregistered_image_counts_and_the_mission_goes_on():
     assert mission.notes == ["unregistered_image"]
 
 
-def test_an_empty_pool_ends_the_adaptive_phase_and_says_so():
-    mission = run_loop(**{"pool.max_travel_m": 0.1})
-    assert mission.trace == []
-    assert mission.notes == ["empty_pool"]
-
-
 ROUGH = {"target.horizontal_sd_m": 0.5, "target.vertical_sd_m": 0.25, "photographs": 26}
 
 

@@ -68,7 +68,8 @@ def test_up_axis_comes_out_on_top_without_mirroring(tmp_path, up):
     assert describe(rock)["volume_m3"] == pytest.approx(hull.volume * (SMALL_M / 2) ** 3, rel=1e-6)
 
 
-def test_of_a_mesh_wider_than_the_crop_the_height_is_told_that_fits(tmp_path):
+def test_of_a_mesh_wider_than_the_crop_the_height_is_told_that_fits(tmp_path, monkeypatch):
+    monkeypatch.setattr(importer, "MAX_EDGE_M", 0.05)
     path = tmp_path / "flat.stl"
     trimesh.creation.box(extents=(4.0, 2.0, 0.4)).export(path)
     wide = import_mesh(path, height_m=SMALL_M)
