@@ -12,7 +12,6 @@ from in_process import InProcessExecutor
 
 from nbv import plugins
 from nbv.config import preset
-from nbv.rocks import load_rock
 from tuner.missions.job import MissionJob
 
 ROOT = Path(__file__).resolve().parent.parent.parent
@@ -68,12 +67,6 @@ def test_a_setting_is_one_line(heading, blocks, tmp_path):
     )
 
 
-def test_every_kind_of_part_has_an_example():
-    kinds = {"scorer", "gate", "renderer", "dense backend", "metric", "sampler", "fidelity"}
-    kinds |= {"setting of the mission", "setting of a campaign"}
-    assert {heading.removeprefix("A ") for heading, _ in examples()} == kinds
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("page", ["README.md"])
 def test_python_on_a_page_runs(page, capsys):
@@ -100,37 +93,29 @@ trimesh.PointCloud(seen).export(folder / "dense.ply")
 """
 
 
-@pytest.fixture
-def fly(tmp_path, monkeypatch):
+@pytest.mark.slow
+def test_another_program_s_cloud_is_measured_and_its_failures_are_the_configuration_s(tmp_path, monkeypatch):
     (tmp_path / "scan.py").write_text(PROGRAM)
     monkeypatch.setenv("MISSION_PROGRAM", f"{sys.executable} {tmp_path / 'scan.py'}")
     monkeypatch.setattr(plugins, "_registered", {})
     monkeypatch.setattr(plugins, "_used", {})
     monkeypatch.setattr(sys, "path", [*sys.path])
     plugins.use(str(EXAMPLE))
-    yield lambda values, replicate=0: _run(tmp_path / f"{replicate}-{values}", values, replicate)
-    sys.modules.pop(EXAMPLE.stem)
 
+    def fly(name, values, replicate=0):
+        config = preset("campaign").with_values(values)
+        job = MissionJob(name, config, "slab", replicate, tmp_path / name, fidelity="external-program")
+        return InProcessExecutor().submit(job).result()
 
-def _run(directory, values, replicate):
-    config = preset("campaign").with_values(values)
-    job = MissionJob("a", config, "slab", replicate, directory, fidelity="external-program")
-    return InProcessExecutor().submit(job).result()
-
-
-@pytest.mark.slow
-def test_its_cloud_is_measured_and_its_costs_are_the_missions(fly):
-    low, high = (fly({"gate.kind": "hyb-h", "pool.max_altitude_m": height_m}) for height_m in (3.0, 8.0))
+    heights_m = {"low": 3.0, "high": 8.0}
+    low, high = (fly(name, {"pool.max_altitude_m": height_m}) for name, height_m in heights_m.items())
     assert low.record.status == high.record.status == "ok"
-    complete = [t.value("observable.completeness_48mm") for t in (low, high)]
-    assert complete[0] < 90.0 < 99.0 < complete[1]
+    assert (
+        low.value("observable.completeness_48mm") < 90.0 < 99.0 < high.value("observable.completeness_48mm")
+    )
     assert high.value("whole.accuracy_48mm") > 99.0 and high.value("costs.images") > 0
-    assert high.value("costs.wall_s") > 0 and load_rock("slab").name == high.rock
-
-
-@pytest.mark.slow
-def test_its_failures_are_failures_of_the_configuration(fly):
-    broken = fly({"gate.kind": "hyb-h"}, replicate=1)
+    broken = fly("broken", {}, replicate=1)
     assert broken.reason == "program_failed" and "status 1, no camera" in broken.record.message
-    assert fly({"gate.kind": "random"}).reason == "not_expressible"
+    assert fly("other", {"gate.kind": "random"}).reason == "not_expressible"
     assert not broken.infrastructure_failure
+    sys.modules.pop(EXAMPLE.stem)

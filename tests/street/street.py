@@ -1,22 +1,25 @@
 """A user at a terminal: every command of a page, or of a screen, in its order, on what the one before left."""
 
+import functools
 import html
 import os
 import re
 import shlex
 import subprocess
-import sys
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import typer
+from terminal import Terminal
 
 from tuner.cli import app
 
 ROOT = Path(__file__).resolve().parent.parent.parent
 # What makes a command quick enough for a test: it keeps its own options, and the last of an option given twice counts.
-ROCKS = ["--rock", "arch"]  # of an evaluation that would run all held-out rocks
-MOST_ROCKS = 2  # of those that a command names: the others are left out
+ROCKS = {  # of a command that names none and would make many: a rock takes seconds
+    "evaluate": ["--rock", "arch"],
+    "campaign": ["--rock", "slab"],
+}
 SMALL = {"fidelity": "geometric", "budget": "6", "replicates": "1", "workers": "1"}
 # A mission with photographs: 15 + 1, with a dense stage at a quarter of the pixels.
 FEW = "photographs=16 seeds=15 seed.layout=turn sparse.ground_features=2000 dense.max_size_px=320"
@@ -32,16 +35,7 @@ class Street:
     def run(self, line: str) -> str:
         """Run ``gatetune ...`` as printed, made quick; its output. Another exit status than 0 fails the test."""
         words = _with_few_rocks(shlex.split(line, comments=True)[1:])
-        command = [*program(), *words, *self._quick(words)]
-        run = subprocess.run(
-            command,
-            cwd=self.folder,
-            capture_output=True,
-            text=True,
-            check=False,
-            timeout=600,
-            env=os.environ | {"COLUMNS": "200", "GATETUNE_HOME": str(self._home())},
-        )
+        run = typed([*words, *self._quick(words)], self.folder, self._home())
         said = run.stdout + run.stderr
         assert run.returncode == 0 and "Traceback" not in said, f"{line}\nexit {run.returncode}\n{said}"
         return run.stdout
@@ -61,8 +55,10 @@ class Street:
         known = options(words) - ({"fidelity"} if "resume" in words else set())
         small = self.small | ({"budget": SMALL["budget"]} if "--learn-from" in words else {})
         quick = [w for name, value in small.items() if name in known for w in (f"--{name}", value)]
-        if words[0] == "evaluate" and "--rock" not in words:
-            quick += ROCKS
+        if "--quick" in words:  # in its dim hall not every mission on every rock succeeds
+            quick += ["--compare-on", "arch"]
+        elif "--rock" not in words and words[:2] != ["campaign", "resume"] and "rock" in known:
+            quick += ROCKS.get(words[0], [])
         if words[0] == "reproduce":
             quick += ["--strategy", "hyb-h", "--strategy", "covis"]
         if words[:2] == ["mission", "run"]:
@@ -75,16 +71,31 @@ class Street:
 
 
 def _with_few_rocks(words: list[str]) -> list[str]:
-    """A command without the rocks beyond the first that it names: making one takes seconds."""
-    named = [i for i, word in enumerate(words) if word == "--rock"]
-    left_out = {j for i in named[MOST_ROCKS:] for j in (i, i + 1)}
+    """A command with the first of several rocks that it names: making one takes seconds."""
+    left_out = set[int]()
+    for option in ("--rock", "--compare-on"):
+        _, *others = [i for i, word in enumerate(words) if word == option] or [0]
+        left_out |= {j for i in others for j in (i, i + 1)}
     return [word for i, word in enumerate(words) if i not in left_out]
 
 
-def program() -> list[str]:
-    """The command line under test."""
-    named = os.environ.get("GATETUNE")
-    return [named] if named else [sys.executable, "-m", "tuner.cli"]
+def typed(words: list[str], folder: Path, home: Path) -> subprocess.CompletedProcess[str]:
+    """A command line, run in a folder: by the program that ``GATETUNE`` names, else by this one."""
+    environment = {"COLUMNS": "200", "GATETUNE_HOME": str(home)}
+    if program := os.environ.get("GATETUNE"):
+        return subprocess.run(
+            [program, *words],
+            cwd=folder,
+            capture_output=True,
+            text=True,
+            check=False,
+            timeout=600,
+            env=os.environ | environment,
+        )
+    return terminal().run(words, folder, environment)
+
+
+terminal = functools.cache(Terminal)  # one of all tests
 
 
 def options(words: list[str]) -> set[str]:
@@ -100,7 +111,9 @@ def options(words: list[str]) -> set[str]:
 def commands_of(page: Path) -> list[str]:
     """What a page of the documentation tells its reader to type, in its order."""
     joined = re.sub(r"\\\n\s*", " ", page.read_text())
-    lines = re.findall(r"^ {4}(gatetune [a-z].*)$|`(gatetune [a-z-]+ [^`]+)`", joined, re.MULTILINE)
+    lines = re.findall(
+        r"^ {4}(gatetune [a-z].*?)(?: +#.*)?$|`(gatetune [a-z-]+ [^`]+)`", joined, re.MULTILINE
+    )
     return [block or inline for block, inline in lines]
 
 

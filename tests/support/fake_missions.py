@@ -2,10 +2,9 @@
 
 The first letters of a rock's name choose its behaviour: ``abort``, ``exit``, ``kill``, ``stop``, ``raise``, ``fail``,
 ``hang``, ``start`` (a process, and hang), ``late`` (a result, and hang), ``hog`` (all memory that it may have), ``full``, ``slow``,
-``user``, ``blind``, ``once-...`` (so at the first flight only); any other rock is plain.
+``once-...`` (so at the first flight only); any other rock is plain.
 """
 
-import dataclasses
 import hashlib
 import math
 import os
@@ -19,8 +18,8 @@ from typing import Any
 import numpy as np
 
 from nbv.config import MissionConfig
-from nbv.errors import MissionFailure, UserError
-from nbv.mission.result import IterationRecord, MissionResult
+from nbv.errors import MissionFailure
+from nbv.mission.result import MissionResult
 from nbv.plugins import register
 from tuner.missions.registry import MissionKind
 
@@ -80,8 +79,6 @@ def fake_mission(
         os.abort()
     if rock.startswith("raise"):
         raise RuntimeError("an exception nobody expected")
-    if rock.startswith("user"):
-        raise UserError("unknown rock 'user'; there are none")
     if rock.startswith("fail"):
         raise MissionFailure("seed_model_failed", "no seed model")
     if rock.startswith("full"):
@@ -115,9 +112,6 @@ def fake_mission(
     if rock.startswith("late") and directory is not None:
         (directory / "mission.json").write_text(result.to_json())
         time.sleep(600)
-    if rock.startswith("blind"):  # two planned photographs, of which none registers
-        record = IterationRecord(0, {}, 0.1, 100, 5, 0.0, "covis", "", {}, {}, "cand_000", False, "")
-        result = dataclasses.replace(result, trace=[record, record])
     return result
 
 

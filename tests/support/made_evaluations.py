@@ -1,7 +1,6 @@
 """Evaluations with known outcomes: complete metrics, made from a level per strategy, without running a mission."""
 
 import zlib
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -44,7 +43,6 @@ def made_run(
     replicates: int = 3,
     noise: float = 1.0,
     failed: tuple[tuple[str, str, int], ...] = (),
-    images: Mapping[str, float] | None = None,
 ) -> EvaluationRun:
     """Every strategy's F-score is its level + the rock's shift + noise; ``failed`` missions have none."""
     base = preset("campaign")
@@ -61,7 +59,7 @@ def made_run(
                 else:
                     metrics = made_metrics(level + 4 * r + noise * rng.normal())
                     costs = {
-                        "images": (images or {}).get(name, 32.0),
+                        "images": 32.0,
                         "path_length_m": 61.0 + r,
                         "flight_time_s": 190.0,
                     }

@@ -6,18 +6,16 @@ from dataclasses import replace
 import numpy as np
 import trimesh
 from PIL import Image
-from scene_helpers import BALL_RADIUS_M, CENTRE_M, SMALL_GROUND, around, make_ball
+from rendered_photographs import CAMERA, render
+from scene_helpers import BALL_RADIUS_M, CENTRE_M, around, make_ball
 
-from nbv.config import CameraConfig, SceneConfig
 from nbv.geometry.frames import look_at
 from nbv.photographs import PhotographSet
 from nbv.photographs.photograph_set import HalvesAgreement, Photograph, Reference, set_folder
 from nbv.rocks.catalogue import write_rock
 from nbv.rocks.rock import make_rock
-from nbv.scene import build_scene, make_renderer
 
 HEIGHT_M = 2 * BALL_RADIUS_M
-CAMERA = CameraConfig(width_px=480, height_px=360, focal_px=420.0)
 
 
 def spread(count: int) -> np.ndarray:
@@ -33,15 +31,15 @@ def write_set(name: str, positions_m: np.ndarray, *, rendered: bool) -> Photogra
     for part in ("images", "masks"):
         (folder / part).mkdir(parents=True)
     ball = make_ball()
-    renderer = None
-    if rendered:
-        renderer = make_renderer(build_scene(ball, SceneConfig(), CAMERA, ground=SMALL_GROUND), "raycast")
     photographs = []
     for k, position in enumerate(positions_m):
         pose = look_at(position, CENTRE_M)
-        grey = np.full((CAMERA.height_px, CAMERA.width_px, 3), 128, np.uint8)
-        picture = grey if renderer is None else renderer.rgb(pose)
-        Image.fromarray(picture).save(folder / "images" / f"p{k:03d}.jpg", quality=95)
+        picture = (
+            render(position)
+            if rendered
+            else Image.new("RGB", (CAMERA.width_px, CAMERA.height_px), (128,) * 3)
+        )
+        picture.save(folder / "images" / f"p{k:03d}.jpg", quality=95)
         photographs.append(Photograph(f"p{k:03d}", f"p{k:03d}.jpg", f"{k:064d}", pose, False))
     mesh = trimesh.Trimesh(ball.vertices_m, ball.faces, process=False)
     points, _ = trimesh.sample.sample_surface(mesh, 40_000, seed=0)

@@ -18,7 +18,7 @@ ORIGIN_DEG = (46.0, 7.0)
 _METRES_PER_DEGREE = 6_378_137.0 * np.pi / 180
 
 
-MAX_SIZE_PX = 400  # at which the tests import
+MAX_SIZE_PX = 320  # at which the tests import
 POSITIONS_M = np.concatenate(
     [around(np.arange(n) * 360 / n, e, 4.0) for n, e in ((14, 20.0), (6, 45.0))]
 )  # of the imported set

@@ -1,6 +1,7 @@
 """Sparse models, pools and planning states for tests of what reads them."""
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -38,3 +39,9 @@ def pool_at(positions_m: np.ndarray, target_m: np.ndarray) -> CandidatePool:
         elevations_deg=np.zeros(n),
         bands=("lateral",) * n,
     )
+
+
+def few_seeds(count: int, **seed: Any) -> dict[str, Any]:
+    """Values of a mission whose seeds fly one turn and are held together by features of the ground."""
+    turn = {f"seed.{name}": value for name, value in {"layout": "turn", **seed}.items()}
+    return {"seeds": count, "sparse.ground_features": 2000, "sparse.min_registered_seeds": 6, **turn}

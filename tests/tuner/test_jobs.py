@@ -9,17 +9,14 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from in_process import InProcessExecutor
+from refusals import refused
 
 import tuner
-from nbv.config import load_conditions, preset, under
 from nbv.errors import UserError
 from nbv.geometric import run_geometric_mission
 from nbv.mission import MissionResult
-from tuner.answer.answer import ANSWER_FILE, answer_of
 from tuner.campaign.begin import begin_campaign
 from tuner.campaign.settings_file import merged_settings, resolved_settings
-from tuner.comparison.plan import EvaluationPlan, run_evaluation
 from tuner.export.table import write_missions
 
 API = Path(__file__).resolve().parents[2] / "docs" / "reference" / "api.md"
@@ -29,10 +26,6 @@ SMALL = {"photographs": 26}
 def stable_names() -> list[str]:
     rows = [line for line in API.read_text().splitlines() if line.startswith("|`")]
     return [name for row in rows for name in re.findall(r"`((?:tuner|nbv)\.[\w.]+)`", row.split("|")[1])]
-
-
-def test_every_exported_name_is_on_the_page() -> None:
-    assert {f"tuner.{name}" for name in tuner.__all__} <= set(stable_names())
 
 
 @pytest.mark.parametrize("name", stable_names())
@@ -79,8 +72,7 @@ def test_a_campaign_that_is_there_is_gone_on_with(campaign: tuner.Campaign) -> N
 def test_another_objective_does_not_keep_the_constraint(tmp_path: Path) -> None:
     asked = {"name": "c", "rocks": ["slab"], "fidelity": "geometric", "objective": "photographs@f_score>=97"}
     begun = begin_campaign(tmp_path, resolved_settings(asked, "test"))
-    with pytest.raises(UserError, match=r"other settings: second is .* not None"):
-        tuner.tune(begun.directory, objective="photographs")
+    refused(r"other settings: second is .* not None", tuner.tune, begun.directory, objective="photographs")
     other = merged_settings(tmp_path / "campaign.yaml", {"objective": "seconds"}, quick=False)
     assert str(resolved_settings(other, "test").goal) == "seconds"
 
@@ -95,21 +87,11 @@ def test_evaluation_and_reproduction(campaign: tuner.Campaign, tmp_path: Path) -
     evaluated = rows(run, tmp_path / "e.csv")
     assert {"tuned-gate", "hyb-h"} <= {row["strategy"] for row in evaluated}
     assert all(50 < float(row["metrics.observable.f_score_48mm"]) < 100 for row in evaluated)
-    with pytest.raises(UserError, match="was tuned on"):
-        tuner.evaluate(campaign, rocks=["slab"], **options)
+    refused("was tuned on", tuner.evaluate, campaign, rocks=["slab"], **options)
     table = tuner.reproduce(
         tmp_path / "t", rocks=["slab"], strategies=["covis", "hyb-h"], overrides=SMALL, **options
     )
     assert [trial.strategy for trial in table.records] == ["covis", "hyb-h"]
-
-
-def test_a_campaign_with_compare_on_ends_in_its_comparison(tmp_path: Path) -> None:
-    asked = {"rocks": ["slab"], "compare_on": ["arch"], "space": "gate", "budget": 3, "sampler": "sobol"}
-    campaign = tuner.tune(tmp_path / "c", fidelity="geometric", overrides=SMALL, workers=1, **asked)
-    assert [table.targets for table in answer_of(campaign).tables] == [("arch",), ("slab",)]
-    assert (tmp_path / "c" / ANSWER_FILE).is_file() and (tmp_path / "c" / "report.html").is_file()
-    with pytest.raises(UserError, match="slab is tuned on and compared on"):
-        tuner.tune(tmp_path / "d", **{**asked, "compare_on": ["slab"]})
 
 
 EXAMPLES = dict(re.findall(r'```python title="(\w+)"\n(.*?)```', API.read_text(), re.DOTALL))
@@ -145,17 +127,14 @@ def test_a_failed_mission_and_a_mistake(monkeypatch):
     assert math.isnan(tuner.objective("gate", ["slab"])({}))
     f = tuner.objective("gate", ["slab"], failed=-1.0)
     assert f({}) == -1.0
-    with pytest.raises(UserError, match=r"'gate\.d96_m' is not in the search space; it has gate"):
-        f({"gate.d96_m": 1.0})
-    with pytest.raises(UserError, match="there are 2 parameters"):
-        f([1.0])
+    refused(r"'gate\.d96_m' is not in the search space; it has gate", f, {"gate.d96_m": 1.0})
+    refused("there are 2 parameters", f, [1.0])
     with pytest.raises(UserError, match=r"would not keep the limit on costs\.images; make a function"):
         tuner.objective("photographs", ["slab"], objective="f_score@photographs<=20")
     plan = tuner.objective("plan_and_gate", ["slab"])
     many = len(plan.names)
     for wrong in ([math.nan] * many, [99.0] * many, {"seeds": 10**9}, {"seeds": "x"}):
-        with pytest.raises(UserError, match=r"outside of the search space: "):
-            plan(wrong)
+        refused(r"outside of the search space: ", plan, wrong)
 
 
 @pytest.mark.slow
@@ -175,21 +154,11 @@ HIGH = {"flight.min_camera_altitude_m": 1.6}  # above an orbit at 10°
         ({"space": "plan_and_gate", "overrides": HIGH}, "strategy orbit cannot run"),
         ({"space": "gate", "overrides": {"photographs": 20}}, "seeds is 24, more than the 20 photographs"),
         ({"space": "gate", "compare_on": ["nowhere"]}, "unknown rock 'nowhere'"),
+        ({"space": "gate", "compare_on": ["slab"]}, "slab is tuned on and compared on"),
         ({"space": "gate", "fidelity": "photographs", "compare_on": []}, "cannot run on slab"),
     ],
 )
 def test_a_campaign_whose_comparison_cannot_run(tmp_path: Path, asked: dict[str, Any], named: str) -> None:
     settings = {"rocks": ["slab"], "compare_on": ["arch"], "fidelity": "geometric", "budget": 3, **asked}
-    with pytest.raises(UserError, match=named):
-        tuner.tune(tmp_path / "run", workers=1, **settings)
+    refused(named, tuner.tune, tmp_path / "run", workers=1, **settings)
     assert not (tmp_path / "run").exists()
-
-
-def test_an_evaluation_with_a_strategy_that_cannot_run(tmp_path: Path) -> None:
-    indoors, harsh = load_conditions(["indoors", "harsh"])
-    base = preset("campaign")
-    strategies = {"hyb-h": base, "elsewhere": under(base, harsh)}
-    plan = EvaluationPlan(strategies, ("slab",), fidelity="geometric", conditions=(indoors,))
-    with pytest.raises(UserError, match="strategy elsewhere cannot run under indoors"):
-        run_evaluation(plan, tmp_path / "out", InProcessExecutor())
-    assert not (tmp_path / "out").exists()

@@ -68,8 +68,3 @@ def test_a_refusal_names_card_and_remedy(said, reason):
     assert failed.reason == f"machine_error: {reason}"
     assert "card 3 (NVIDIA H100)" in failed.message and "dense.backend=sgbm" in failed.message
     assert said.strip().splitlines()[-1].rpartition("] ")[2].rpartition(" - ")[2][:20] in failed.message
-
-
-def test_what_colmap_cannot_do_is_a_failure_and_no_crash(tmp_path):
-    with pytest.raises(MissionFailure, match="card 3 refused PatchMatch"):
-        card.patch_match(tmp_path, {"window_step": 2}, card.cards()[0])

@@ -5,12 +5,12 @@ import dataclasses
 import numpy as np
 import pytest
 
-from nbv.config import CameraConfig, DenseConfig
+from nbv.config import DenseConfig
 from nbv.dense import PosedViews, patchmatch_runs
 from nbv.dense.patchmatch import read_depth_maps, write_workspace
-from nbv.dense.reconstruct import dense_cloud, make_backend
+from nbv.dense.reconstruct import dense_cloud
 from nbv.dense.stereo import points_to_search
-from nbv.errors import MissionFailure, UserError
+from nbv.errors import MissionFailure
 from nbv.geometry.frames import look_at
 
 CONFIG = DenseConfig(agreeing_views=3)
@@ -65,17 +65,6 @@ def test_nothing_confirmed_is_a_failure(scene):
     with pytest.raises(MissionFailure) as failure:
         cloud_of(scene, config)
     assert failure.value.reason == "empty_dense_cloud"
-
-
-def test_patchmatch_without_cuda_names_the_remedy():
-    import pycolmap
-
-    if pycolmap.has_cuda:
-        pytest.skip("pycolmap has CUDA here")
-    with pytest.raises(UserError, match=r'pip install "gatetune\[cuda\]"'):
-        make_backend("patchmatch")(PosedViews({}, {}, CameraConfig(), TARGET, CONFIG))
-    with pytest.raises(UserError, match="sgbm, patchmatch"):
-        make_backend("magic")
 
 
 @pytest.mark.slow

@@ -18,7 +18,6 @@ from nbv.evaluation import evaluate_cloud
 from nbv.evaluation.ground_truth import (
     ground_share,
     ground_truth,
-    measured_faces,
     observable_mask,
     rock_floors,
 )
@@ -26,7 +25,6 @@ from nbv.geometric.world import SURFACE_SAMPLES, world_of
 from nbv.geometry.frames import Similarity
 from nbv.geometry.mesh import RayCaster, drop_unused_vertices, face_areas, sample_surface
 from nbv.rocks import Rock
-from nbv.rocks.procedural import generate_rock
 from nbv.rocks.rock import make_rock
 from nbv.types import PointCloud
 
@@ -152,12 +150,6 @@ def test_a_geometric_mission_measures_no_ground():
     samples = world_of(rock, SMALL, None).samples_m
     assert len(samples) == SURFACE_SAMPLES
     assert (np.hypot(*samples[:, :2].T) < 0.68).mean() > 0.95
-
-
-def test_a_rock_has_no_ground():
-    for name in ("slab-1", "overhang-20001", "stack-20001", "mesa-0"):
-        rock = generate_rock(name, grid_m=0.05)
-        assert measured_faces(rock.vertices_m, rock.faces, SMALL.evaluation) is rock.faces, name
 
 
 CONFIG = preset("campaign").with_values({"telemetry": "gnss", "evaluation.gt_samples": 2000})

@@ -9,8 +9,6 @@ from nbv.config import preset
 from nbv.errors import UserError
 from nbv.geometric.geometric_fidelity import GeometricFidelity, run_geometric_mission
 from nbv.mission.target_prior import KNOWN_MARGIN_M, with_size_error, with_true_target
-from nbv.photographs.photograph_fidelity import PhotographFidelity
-from nbv.process import Stopwatch
 from nbv.rocks import load_coarse_rock
 
 CAMPAIGN = preset("campaign")
@@ -39,13 +37,6 @@ def test_an_imported_rock_is_aimed_at_as_high_as_it_is() -> None:
     scale = 1.6 / tall.vertices_m[:, 2].max()
     usual = dataclasses.replace(tall, vertices_m=1.005 * scale * tall.vertices_m)
     assert with_true_target(CAMPAIGN, usual) is CAMPAIGN is with_size_error(CAMPAIGN, usual, 3)
-
-
-def test_a_set_of_photographs_says_itself_where_its_object_is(monkeypatch: pytest.MonkeyPatch) -> None:
-    tall = dataclasses.replace(load_coarse_rock(TALL), name="brought")
-    monkeypatch.setattr(PhotographFidelity, "load", lambda *_: tall)
-    context = PhotographFidelity.prepare(CAMPAIGN, "brought", 0, None, False, Stopwatch())
-    assert context.config == CAMPAIGN == context.vehicle_config
 
 
 def test_a_mission_to_a_tall_rock_keeps_the_identity_of_what_was_asked() -> None:

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from nbv.config import MissionConfig, preset
-from nbv.errors import MissionFailure
 from nbv.flight import Flight
 from nbv.gates import make_gate
 from nbv.geometric.geometric_fidelity import PoseCamera
@@ -89,37 +88,12 @@ def run_loop(reconstructor=None, **values):
     return mission
 
 
-class NoSeedModel(CountingReconstructor):
-    def bootstrap(self, captures):
-        raise MissionFailure("seed_model_failed", "too few")
-
-
-def test_a_mission_without_a_seed_model_fails():
-    """Views that are left to plan do not help."""
-    with pytest.raises(MissionFailure, match="too few"):
-        run_loop(NoSeedModel())
-
-
 def test_an_unregistered_image_counts_and_the_mission_goes_on():
     mission = run_loop(CountingReconstructor(refuse={2}))
     assert [record.registered for record in mission.trace] == [True, False, True, True]
     assert mission.trace[1].message == "too few matches"
     assert len(mission.captures) == 24 + 4
     assert mission.notes == ["unregistered_image"]
-
-
-def test_convergence_is_looked_for_before_every_capture():
-    d95 = [record.d95_m for record in run_loop().trace]
-    assert d95 == sorted(d95, reverse=True)  # the ball fills up
-    threshold = (d95[1] + d95[2]) / 2
-    mission = run_loop(**{"stop.criterion": "both", "stop.knn_threshold_m": threshold})
-    assert len(mission.trace) == 2
-
-
-def test_an_empty_pool_ends_the_adaptive_phase_and_says_so():
-    mission = run_loop(**{"pool.max_travel_m": 0.1})
-    assert mission.trace == []
-    assert mission.notes == ["empty_pool"]
 
 
 ROUGH = {"target.horizontal_sd_m": 0.5, "target.vertical_sd_m": 0.25, "photographs": 26}
@@ -219,24 +193,6 @@ def test_altitudes_count_from_the_ground_in_the_model(ground_m: float) -> None:
         assert 1.3 <= capture.viewpoint.position_m[2] - ground_m <= 1.5
     assert mission.config.flight.keep_out_height_m == pytest.approx(2.2 + ground_m, abs=0.05)
     assert mission.config.target.ground_m == pytest.approx(ground_m, abs=0.05)
-
-
-class FoundLate(OnTheGround):
-    """The first photographs show nothing of the target; after two planned ones it is there."""
-
-    def _model(self) -> SparseModel:
-        self.points = 6000 if self.adds >= 2 else 20 - 50 * self.adds
-        return super()._model() if self.adds >= 2 else CountingReconstructor._model(self)
-
-
-def test_places_about_a_target_found_late_have_names_of_their_own() -> None:
-    rough = {**ROUGH, "photographs": 64, "stop.criterion": "budget"}
-    config = with_target_error(preset("campaign").with_values(rough), "rock", 3)
-    mission = made(config, FoundLate(), Flight(config, "rock", 3))
-    mission.run()
-    np.testing.assert_allclose(mission.config.target_m, [0.5, 0.0, 0.75], atol=0.1)
-    names = [capture.name for capture in mission.captures]
-    assert len(set(names)) == len(names) > 26
 
 
 def test_without_a_target_in_the_model_belief_stays_and_it_is_looked_for_again() -> None:

@@ -105,10 +105,8 @@ class CountingRenderer:
 @pytest.mark.parametrize(
     "change",
     [
-        {"sensor.exposure_ev": 0.5},
         {"sensor.jpeg_quality": 80},
         {"sensor.focal_error_percent": 0.5},
-        {"sensor.k1": -0.05},
         {"scene.sun_elevation_deg": 30.0},
         {"scene.read_noise_dn": 2.0},
     ],

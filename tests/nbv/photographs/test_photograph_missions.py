@@ -8,12 +8,13 @@ import numpy as np
 import pytest
 from photographed_ball import CAMERA, spread, write_set
 from PIL import Image
+from refusals import refused
 from scene_helpers import CENTRE_M, around
 
 from nbv import plugins
 from nbv.config import preset
 from nbv.config.presets import PHOTOGRAPH_SET_DEFAULTS
-from nbv.errors import MissionFailure, UserError
+from nbv.errors import MissionFailure
 from nbv.evaluation.registry import Metric
 from nbv.geometry.frames import Similarity
 from nbv.photographs import PhotographSet
@@ -146,8 +147,7 @@ def test_a_set_stands_where_a_rock_stands(grey_set: PhotographSet) -> None:
     over_photographs = mission_kind("photographs")
     assert kind_on("ball", "photogrammetric") is kind_on("ball", "geometric") is over_photographs
     assert kind_on("slab", "photogrammetric").photographs == "rendered"
-    with pytest.raises(UserError, match="photographs missions cannot run on slab"):
-        kind_on("slab", "photographs")
+    refused("photographs missions cannot run on slab", kind_on, "slab", "photographs")
 
 
 @pytest.mark.slow
@@ -163,6 +163,7 @@ def test_a_mission_over_photographs(tmp_path: Path, monkeypatch: pytest.MonkeyPa
             "telemetry": "rtk",  # the target is not looked for even so
             "dense.agreeing_views": 3,
             "dense.search": "sparse",
+            "dense.max_size_px": 240,
             "sparse.max_pairs": 6,
             "gate.kind": "greedy-oracle",
             "evaluation.gt_samples": 5000,

@@ -5,10 +5,10 @@ import sys
 
 import pytest
 import yaml
+from refusals import refused
 
 import nbv
 from nbv.config import preset
-from nbv.errors import UserError
 from nbv.geometric import run_geometric_mission
 from nbv.mission.planning_state import load_state
 
@@ -69,5 +69,4 @@ def test_it_ends_where_the_cloud_is_dense_or_nothing_is_left_or_the_budget_is_us
         (seeds, at * float("nan"), heading),
         (seeds, at, float("inf")),
     ):
-        with pytest.raises(UserError, match=r"n_seeds|not finite"):
-            planner.plan(model, visited, *wrong)
+        refused(r"n_seeds|not finite", planner.plan, model, visited, *wrong)

@@ -6,10 +6,10 @@ import math
 import cv2
 import numpy as np
 import pytest
+from refusals import refused
 from scene_helpers import SMALL_CAMERA
 
 from nbv.config import MissionConfig, SceneConfig, SensorConfig
-from nbv.errors import UserError
 from nbv.geometry.frames import look_at
 from nbv.process import keyed_rng
 from nbv.rocks.texture import srgb_from_linear
@@ -47,42 +47,6 @@ def test_standard_deviation_is_as_configured(value):
     assert abs(error.mean()) < 0.03
     flat = error.reshape(-1, 3)
     assert np.abs(np.corrcoef(flat.T) - np.eye(3)).max() < 0.02  # channels are independent
-
-
-@pytest.mark.parametrize(
-    "effects",
-    [{}, {"exposure_jitter_ev": 0.3, "exposure_time_s": 0.01, "residual_speed_m_s": 0.5, "jpeg_quality": 90}],
-    ids=["ideal", "everything drawn"],
-)
-def test_a_photograph_depends_on_its_key_alone(raycast, ball, effects):
-    sensor = Sensor(config(**effects))
-    views = ["seed_00", "cand_017", "seed_03"]
-    forwards = {v: sensor.photograph(raycast, POSE, (ball.sha256, 2, v)) for v in views}
-    np.random.seed(1)  # noqa: NPY002  (a global generator must not matter)
-    backwards = {
-        v: Sensor(config(**effects)).photograph(raycast, POSE, (ball.sha256, 2, v)) for v in reversed(views)
-    }
-    for v in views:
-        assert np.array_equal(forwards[v], backwards[v])
-    assert not np.array_equal(forwards["seed_00"], forwards["seed_03"])
-    assert not np.array_equal(
-        forwards["seed_00"], sensor.photograph(raycast, POSE, (ball.sha256, 3, "seed_00"))
-    )
-    other = dataclasses.replace(ball, sha256="f" * 64)
-    assert not np.array_equal(
-        forwards["seed_00"], sensor.photograph(raycast, POSE, (other.sha256, 2, "seed_00"))
-    )
-
-
-def test_by_default_a_photograph_is_the_picture_and_noise(raycast, ball):
-    sensor = Sensor(config())
-    assert sensor.drawn == SMALL_CAMERA
-    clean = raycast.rgb(POSE)
-    copy = clean.copy()
-    photograph = sensor.photograph(raycast, POSE, (ball.sha256, 2, "seed_00"))
-    noise = keyed_rng("sensor noise", ball.sha256, 2, "seed_00")
-    assert np.array_equal(photograph, add_sensor_noise(clean, SceneConfig(), noise))
-    assert np.array_equal(clean, copy)  # the input is left alone
 
 
 @pytest.mark.parametrize("stops", [-2.0, -1.0, 1.0])
@@ -183,20 +147,10 @@ def test_a_principal_point_error_shifts_the_picture():
 
 @pytest.mark.parametrize("sensor", [{"k1": -0.5}, {"k2": -0.4}, {"k1": -0.3, "focal_error_percent": -30.0}])
 def test_a_lens_that_folds_the_picture_is_a_user_error(sensor):
-    with pytest.raises(UserError, match=r"sensor\.k1=.* fold the picture over") as error:
-        Lens(SMALL_CAMERA, SensorConfig(**sensor))
-    assert "\n" not in str(error.value)
+    refused(r"sensor\.k1=.* fold the picture over", Lens, SMALL_CAMERA, SensorConfig(**sensor))
 
 
 def test_streams_are_pinned():
     """A change here would silently change every photograph ever taken."""
-    assert keyed_rng("noise", "0" * 64, 0, "seed_00").integers(0, 2**32, 3).tolist() == PINNED
-
-
-@pytest.mark.parametrize("part", [1.0, None, True, b"x"])
-def test_other_types_are_refused(part):
-    with pytest.raises(TypeError, match="strings and integers"):
-        keyed_rng("a", part)
-
-
-PINNED = [1829865842, 3820967078, 1671959790]
+    drawn = keyed_rng("noise", "0" * 64, 0, "seed_00").integers(0, 2**32, 3)
+    assert drawn.tolist() == [1829865842, 3820967078, 1671959790]

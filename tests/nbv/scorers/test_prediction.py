@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scene_helpers import around
-from scoring_state import sparse_model
+from scoring_state import few_seeds, sparse_model
 
 from nbv.config import preset
 from nbv.geometric import run_geometric_mission
@@ -114,11 +114,7 @@ def run_mission(**values):
     config = CONFIG.with_values(
         {
             "photographs": 24,
-            "seeds": 12,
-            "seed.layout": "turn",
-            "seed.radius_m": 3.5,
-            "sparse.ground_features": 2000,
-            "sparse.min_registered_seeds": 6,
+            **few_seeds(12, radius_m=3.5),
             "gate.kind": "predicted",
             "stop.criterion": "predicted",
             **{f"predicted.weights.{term}": 0.0 for term in ("nov", "move", "ang")},

@@ -11,11 +11,8 @@ import pytest
 import scoring_state
 from scoring_state import sparse_model
 
-from nbv import gates, scorers
-from nbv.config import DENSE_BACKENDS, GATES, RENDERERS, SCORERS, BAwareConfig, MissionConfig, Weights
-from nbv.dense import reconstruct
-from nbv.errors import MissionFailure, UserError
-from nbv.scene import view
+from nbv.config import BAwareConfig, MissionConfig, Weights
+from nbv.errors import MissionFailure
 from nbv.scorers import Rankings
 from nbv.scorers.registry import geometry_gain, mean_neighbour_distance
 from nbv.scorers.scorer import angular_penalty, box_points, novelty
@@ -115,26 +112,6 @@ def test_an_empty_box_is_a_mission_failure() -> None:
     with pytest.raises(MissionFailure) as failure:
         Rankings(state, pool_at(ring([0.0])), MissionConfig())
     assert failure.value.reason == "no_points_in_box"
-
-
-def test_the_names_of_a_configuration_are_those_of_the_parts() -> None:
-    for names, parts in (
-        (SCORERS, scorers.registry),
-        (GATES, gates.registry),
-        (RENDERERS, view),
-        (DENSE_BACKENDS, reconstruct),
-    ):
-        assert list(names.built_in) == list(parts.BUILT_IN)
-
-
-def test_the_papers_two_are_always_ranked_others_when_asked_for() -> None:
-    state, pool = state_of(TARGET[None], [[0, 1]], ring([0.0, 40.0])), pool_at(ring([20.0, 180.0]))
-    rankings = Rankings(state, pool, MissionConfig())
-    assert tuple(rankings) == ("covis", "b-aware")
-    assert rankings["predicted"] is rankings["predicted"]
-    assert tuple(rankings) == ("covis", "b-aware", "predicted")
-    with pytest.raises(UserError, match="unknown scorer 'predictet'; there are covis, b-aware, predicted"):
-        rankings["predictet"]
 
 
 GOLDEN = Path(__file__).parents[2] / "data" / "golden_scorers"

@@ -10,12 +10,11 @@ import synthetic
 from in_process import InProcessExecutor
 
 from nbv import plugins
-from nbv.errors import MissionFailure, UserError
+from nbv.errors import MissionFailure
 from tuner.campaign.begin import begin_campaign
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.session import run_campaign
 from tuner.campaign.settings_file import read_settings_file
-from tuner.missions.registry import mission_kind
 from tuner.problem.goal import Objective
 from tuner.problem.space_files import space_from_dict
 
@@ -132,10 +131,3 @@ def test_paths_in_a_settings_file_are_taken_from_its_folder(tmp_path):
         "space": str(tmp_path / "deep/mine.yaml"),
         "learn_from": [str(tmp_path / "deep/runs/a")],
     }
-
-
-def test_an_unknown_fidelity_is_refused_with_a_remedy() -> None:
-    with pytest.raises(
-        UserError, match=r"no such fidelity is known here; name its plug-in with gatetune --plugin"
-    ):
-        _ = mission_kind("photogrametric").function

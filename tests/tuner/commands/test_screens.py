@@ -1,4 +1,4 @@
-"""What commands print: as JSON, and on a terminal."""
+"""What commands print: as JSON, and on a terminal; sets of photographs."""
 
 import json
 import os
@@ -11,13 +11,10 @@ from typing import Any
 
 import fake_campaigns
 import pytest
-import typer
+from photographed_ball import write_part_of_a_set
 
-from nbv.config import preset
-from nbv.rocks import list_rocks
 from tuner.campaign.campaign import Campaign, CampaignEvent
 from tuner.campaign.settings import CampaignSettings
-from tuner.cli import app
 from tuner.commands import evaluate
 from tuner.commands.campaign_display import event_line, mission_line
 from tuner.commands.console import output
@@ -28,20 +25,6 @@ from tuner.problem.space_files import load_search_space
 
 def shown(gatetune: Any, *command: Any) -> Any:
     return json.loads(gatetune.ok(*command, "--json"))
-
-
-def test_rocks(gatetune: Any) -> None:
-    listed = shown(gatetune, "rocks", "list", "--split", "held-out")
-    assert [r["name"] for r in listed] == [r.name for r in list_rocks() if r.split == "held-out"]
-    assert shown(gatetune, "rocks", "show", "slab")["extents_m"][2] == pytest.approx(1.6)
-
-
-def test_a_configuration(gatetune: Any) -> None:
-    tree = shown(gatetune, "config", "show", "--preset", "campaign", "--set", "gate.d95_m=0.2")
-    rows = {row["path"]: row for row in tree["parameters"]}
-    assert rows["gate.d95_m"]["value"] == 0.2 and rows["gate.d95_m"]["source"] == "--set"
-    assert rows["photographs"]["value"] == preset("campaign").photographs
-    assert rows["photographs"]["source"].endswith("preset campaign")
 
 
 @pytest.fixture(scope="module")
@@ -110,15 +93,6 @@ def test_confirm_flies_both_with_replicates_nobody_has_flown(gatetune, tmp_path,
     assert "was not tuned on 'elsewhere'" in gatetune.refused("confirm", run.directory, "--rock", "elsewhere")
 
 
-def test_every_command_shows_an_example() -> None:
-    def leaves(command: Any, path: str) -> list[str]:
-        if hasattr(command, "commands"):
-            return [x for name, c in command.commands.items() for x in leaves(c, f"{path} {name}")]
-        return [] if f"Example: {path}" in str(command.help) else [path]
-
-    assert leaves(typer.main.get_command(app), "gatetune") == []
-
-
 def test_ctrl_c_while_it_loads_shows_no_traceback(tmp_path: Path) -> None:
     (tmp_path / "typer.py").write_text("import time; print('loading', flush=True); time.sleep(60)")
     path = os.pathsep.join([str(tmp_path), *filter(None, sys.path)])
@@ -134,3 +108,34 @@ def test_ctrl_c_while_it_loads_shows_no_traceback(tmp_path: Path) -> None:
     assert command.stdout is not None and command.stdout.readline() == "loading\n"
     command.send_signal(signal.SIGINT)
     assert command.communicate(timeout=60) == ("", "") and command.returncode == -signal.SIGINT
+
+
+@pytest.fixture(autouse=True)
+def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setenv("GATETUNE_HOME", str(tmp_path))
+    return tmp_path
+
+
+def test_sets_are_listed(gatetune) -> None:
+    write_part_of_a_set()
+    listed = shown(gatetune, "photographs", "list")
+    assert [(s["name"], s["registered"], s["photographs"]) for s in listed] == [("mine", 6, 7)]
+    assert listed[0]["height_m"] == pytest.approx(0.368)
+    assert listed[0]["weak"][0].startswith("azimuth 60°")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ("enough yours", "no set of photographs 'yours'"),
+        ("import . --name mine", "already a set 'mine'"),
+        ("import . --name Mine!", "'Mine!' cannot name a set of photographs"),
+        ("import . --name yours --max-size 7", "max_size is 7"),
+        ("import . --name yours --metres-per-unit 1", "--metres-per-unit is of the model"),
+        ("import . --name yours --model m --metres-per-unit 0", "metres_per_unit is 0"),
+        ("import . --name yours --height-m 0", "height_m is 0"),
+    ],
+)
+def test_mistakes(gatetune, arguments: str, words: str) -> None:
+    write_part_of_a_set()
+    assert words in gatetune.refused("photographs", *arguments.split())

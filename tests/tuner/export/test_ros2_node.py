@@ -87,7 +87,3 @@ def test_it_publishes_the_planners_view_and_logs_a_bad_message(node, tmp_path, m
     assert "f_b" in node.published["decision"][0].data
     node.heard["captures"](SimpleNamespace(data=said.data.replace('"seeds": 24', '"seeds": 99')))
     assert "n_seeds 99" in node.logger.error.call_args[0][0]
-    node.planner = Planner(preset("paper").with_values({"photographs": 24}))
-    node.heard["captures"](said)
-    assert len(node.published["next_view"]) == 1
-    assert node.published["decision"][1].data == "the budget of 0 is used"

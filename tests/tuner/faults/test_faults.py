@@ -18,18 +18,17 @@ ROOT = Path(__file__).resolve().parents[3]
 
 @pytest.mark.slow
 def test_a_few_faults_do_no_harm(tmp_path: Path) -> None:
-    asked = ["--small", "--count", "4", "--kind", "coordinator's writes from the Nth on", "--out", tmp_path]
+    asked = ["--small", "--count", "3", "--kind", "coordinator's writes from the Nth on", "--out", tmp_path]
     command = [sys.executable, "-m", "research.faults", *map(str, asked)]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
     assert done.returncode == 0, done.stdout + done.stderr
     *_, total = csv.DictReader((tmp_path / "faults.csv").open(newline=""))
-    assert int(total["faults"]) >= 3
+    assert int(total["faults"]) >= 2
     for harm in ("traceback", "hang", "lost", "repeated", "charged"):
         assert total[harm] == "0", harm
 
 
-QUICK = ("settings file", "condition", "configuration", "mission file", "authors' file", "result.json")
-QUICK += ("mission.json", "planning state", "store entry")
+QUICK = ("settings file", "condition", "configuration", "mission.json", "store entry")
 LEFT = {"command line", "mesh PLY", "mesh STL", "texture"}  # to `make fuzz`
 CASES = {t: 20 if t in QUICK else 3 if t == fuzz.DISK else 5 for t in fuzz.TARGETS if t not in LEFT}
 FOUND = sorted(path for path in fuzz.CORPUS.rglob("*") if path.is_file())

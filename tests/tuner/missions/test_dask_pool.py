@@ -8,15 +8,15 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import every_part
 import numpy as np
 import psutil
 import pytest
 from fake_campaigns import settings
+from refusals import refused
 from test_pool import job, run_jobs
 
 from nbv import plugins
@@ -153,15 +153,13 @@ def test_own_rocks_reach_workers_and_other_versions_are_refused(tmp_path, monkey
         assert read_rock(there).sha256 == own.sha256
         monkeypatch.setattr(dask_pool, "versions", lambda: {"python": "2.7.18"})
         said = f"python is {sys.version.split()[0]} there and 2.7.18 here"
-        with pytest.raises(UserError, match=said):
-            run_jobs(executor, [job(tmp_path, "boulder", 3)])
+        refused(said, run_jobs, executor, [job(tmp_path, "boulder", 3)])
 
 
 @pytest.mark.parametrize("scheduler", ["boulder", "tcp://[::1", "tcp://127.0.0.1:1", "tls://127.0.0.1:1"])
 def test_a_scheduler_that_does_not_answer_is_refused(scheduler: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(dask_pool, "_CONNECT_S", 0.2)
-    with pytest.raises(UserError, match=r"answers at|no such file"):
-        DaskPool(scheduler, 60.0)
+    refused(r"answers at|no such file", DaskPool, scheduler, 60.0)
 
 
 def test_a_mission_that_crashes_or_hangs_fails_alone_on_a_worker_with_a_nanny(tmp_path: Path) -> None:
@@ -194,53 +192,18 @@ register("scorers", "high", Scorer("high", high, weights=lambda config: Weights(
 """
 
 
-@pytest.fixture
-def brought(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
-    """An installed distribution, and a file that registers scorers of its own; the former's module."""
-    file = every_part.install(tmp_path / "site")
-    monkeypatch.syspath_prepend(tmp_path / "site")
-    (tmp_path / "registers_scorers.py").write_text(REGISTERS)
+@pytest.mark.slow
+def test_registered_plug_ins_run_on_dask(tmp_path, monkeypatch):
+    file = tmp_path / "registers_scorers.py"
+    file.write_text(REGISTERS)
     monkeypatch.setattr(plugins, "_registered", {})
     monkeypatch.setattr(sys, "path", [*sys.path])
-    plugins.installed.cache_clear()
-    plugins.use(str(tmp_path / "registers_scorers.py"))
-    yield file
-    plugins.installed.cache_clear()
-    for name in ("registers_scorers", "every_part_module"):
-        sys.modules.pop(name, None)
-
-
-def plugin_job(tmp_path: Path, kind: str, fidelity: str = "geometric", rock: str = "slab") -> MissionJob:
-    config = preset("campaign").with_values({"gate.kind": kind, "photographs": 26})
-    return MissionJob(kind, config, rock, 0, tmp_path / "missions" / kind, fidelity=fidelity)
-
-
-@pytest.mark.slow
-def test_installed_and_registered_plug_ins_run_on_dask_and_others_are_refused(tmp_path, brought):
-    sys.path.remove(str(tmp_path))  # workers find the file by what they are told
+    config = preset("campaign").with_values({"photographs": 26})
     with Cluster(tmp_path, 1) as cluster, DaskPool(cluster.address, 60.0) as executor:
-        jobs = [plugin_job(tmp_path, "low", "counted", "egg-5"), plugin_job(tmp_path, "high")]
-        ended = run_jobs(executor, jobs)
-        assert {trial.record.status for trial in ended.values()} == {"ok"}, [
-            t.record.message for t in ended.values()
-        ]
-        assert ended["low"].metrics["views"] == 1.0, "the fidelity of the plug-in"
-        for name in ("low", "high"):
-            trace = (tmp_path / "missions" / name / "mission.json").read_text()
-            assert f"scorers/{name}" in trace
-        brought.write_text(every_part.PARTS + "\n# changed\n")
-        plugins.installed.cache_clear()
-        with pytest.raises(UserError, match=r"the code of scorer 'low' of every-part 1.2 is .* there"):
-            run_jobs(executor, [plugin_job(tmp_path, "low")])
-
-
-@pytest.mark.slow
-def test_a_worker_without_the_plug_in_says_so_once(tmp_path: Path, brought: Path) -> None:
-    sys.path.remove(str(tmp_path / "site"))
-    with Cluster(tmp_path, 1) as cluster:
-        sys.path.insert(0, str(tmp_path / "site"))
-        with (
-            DaskPool(cluster.address, 60.0) as executor,
-            pytest.raises(UserError, match=r"a worker refuses: gate\.kind is 'low'"),
-        ):
-            run_jobs(executor, [plugin_job(tmp_path, "low")])
+        plugins.use(str(file))  # workers find the file by what they are told
+        planned = config.with_values({"gate.kind": "high"})
+        mission = MissionJob("one", planned, "slab", 0, tmp_path / "one", fidelity="geometric")
+        ended = run_jobs(executor, [mission])["one"]
+    assert ended.record.status == "ok", ended.record.message
+    assert "scorers/high" in (tmp_path / "one" / "mission.json").read_text()
+    sys.modules.pop("registers_scorers")

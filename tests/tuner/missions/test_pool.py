@@ -6,17 +6,16 @@ import subprocess
 import sys
 import threading
 import time
-from concurrent.futures import Future
 from pathlib import Path
 
 import fake_missions  # noqa: F401  registers the fidelity
 import psutil
 import pytest
 
-from nbv.config import MissionConfig, preset
+from nbv.config import MissionConfig
 from nbv.mission.result import MissionResult
 from nbv.mission.run_directory import WORKER_LOG
-from tuner.missions.job import MAX_ATTEMPTS, MissionJob, Trial
+from tuner.missions.job import MissionJob, Trial
 from tuner.missions.pool import Executor, MissionPool
 from tuner.missions.run_jobs import JobList, Stop
 from tuner.missions.run_jobs import run_jobs as fly_all
@@ -83,20 +82,6 @@ def test_a_mission_that_hangs_leaves_where_it_was_and_nothing_that_it_started(tm
 def test_what_may_be_the_machine_s_doing_is_flown_again(tmp_path: Path, accident: str) -> None:
     with pool() as executor:
         assert run_jobs(executor, [job(tmp_path, f"once-{accident}")])["0000"].record.status == "ok"
-
-
-def test_a_full_disk_is_no_mission_s_failure(tmp_path: Path) -> None:
-    submitted: list[str] = []
-
-    class Counting(MissionPool):
-        def submit(self, job: MissionJob) -> Future[Trial]:
-            submitted.append(job.id)
-            return super().submit(job)
-
-    with Counting(1, 60.0, "fake") as executor:
-        outcome = run_jobs(executor, [job(tmp_path, "full")])["0000"]
-    assert outcome.infrastructure_failure and outcome.reason == "disk_full"
-    assert len(submitted) == MAX_ATTEMPTS
 
 
 def test_a_cancelled_mission_ends_at_once(tmp_path: Path) -> None:
@@ -189,12 +174,3 @@ def test_ctrl_c_ends_missions_at_once_without_a_word(loads: bool, tmp_path: Path
         assert coordinator.stdout is not None and coordinator.stdout.read() == b""
     assert took_s < 5.0  # a second, where nothing else runs
     assert not psutil.wait_procs(below, timeout=20.0)[1]
-
-
-@pytest.mark.slow
-def test_a_mission_with_rendered_photographs_runs_on_a_worker(tmp_path: Path) -> None:
-    small = {"photographs": 18, "seeds": 16, "seed.layout": "turn", "dense.agreeing_views": 3}
-    config = preset("campaign").with_values({**small, "evaluation.gt_samples": 10_000})
-    with MissionPool() as executor:
-        ended = run_jobs(executor, [MissionJob("0", config, "boulder", 0, tmp_path / "0")])
-    assert ended["0"].record.status == "ok", ended["0"].record.message

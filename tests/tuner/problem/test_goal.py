@@ -5,9 +5,9 @@ import math
 import fake_missions
 import numpy as np
 import pytest
+from refusals import refused
 
 from nbv.config import MissionConfig
-from nbv.errors import UserError
 from tuner.problem.goal import Objective, direction_of, parse_goal
 from tuner.problem.standardise import RockStandardiser
 
@@ -28,21 +28,17 @@ def test_the_text_says_metric_cost_and_limit_and_is_said_back() -> None:
 @pytest.mark.parametrize(
     ("text", "says"),
     [
-        ("photographs@P(f_score>=98)>=0.95", "is not understood"),
         ("f_score@photographs>=21", "costs.images is minimised; write <="),
         ("photographs@f_score<=97", "is maximised; write >="),
         ("f_score@f_score>=9", "the same metric twice"),
         ("f_score@photographs<=1e", "'1e' is not a number"),
         ("f_score at 21", "is not understood; write f_score, f_score@photographs<=21"),
-        ("f_score@photographs", "is not understood; write f_score, f_score@photographs<=21"),
         ("f_score@costs.beauty<=1", "no cost 'costs.beauty'; there are costs.images"),
         ("f_score@beauty<=1", "more or less of 'beauty' is better"),
     ],
 )
 def test_what_is_no_objective_is_said_in_one_line(text: str, says: str) -> None:
-    with pytest.raises(UserError, match=says) as error:
-        parse_goal(text)
-    assert "\n" not in str(error.value)
+    refused(says, parse_goal, text)
 
 
 def test_failed_and_missing_are_infeasible_degraded_counts() -> None:
@@ -51,14 +47,12 @@ def test_failed_and_missing_are_infeasible_degraded_counts() -> None:
     assert objective.value_or_reason("ok", metrics) == (61.5, "")
     assert objective.value_or_reason("degraded", metrics)[0] == 61.5
     assert objective.value_or_reason("failed", metrics)[0] is None
-    assert objective.value_or_reason("ok", {})[0] is None
     assert objective.value_or_reason("ok", {"observable": {"f_score_48mm": math.nan}})[0] is None
     assert objective.value_or_reason("ok", {"observable": {"f_score_48mm": None}})[0] is None
     assert Objective("observable.list").value_or_reason("ok", metrics)[0] is None
     assert Objective(direction="minimise").sign == -1
     assert direction_of("observable.accuracy_48mm") == "maximise"
-    with pytest.raises(UserError, match="unknown direction"):
-        Objective(direction="up")
+    refused("unknown direction", Objective, direction="up")
 
 
 def test_a_metric_that_is_no_number_is_named() -> None:
@@ -68,8 +62,7 @@ def test_a_metric_that_is_no_number_is_named() -> None:
         ("observable.c2c_mean_mm", "unknown metric"),
         ("observable", "not a number; name one of"),
     ):
-        with pytest.raises(UserError, match=said):
-            result.metric(path)
+        refused(said, result.metric, path)
 
 
 def test_standardisation_takes_away_rock_offsets_and_scales() -> None:

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from refusals import refused
 
 from nbv.config import MissionConfig, preset
 from nbv.errors import UserError
@@ -79,32 +80,17 @@ GOOD = D95 + "{kind: float, low: 0.01, high: 1.0, scale: log}\n"
         (D95 + "{low: 1.0, high: 0.1}", "low 1 is not below high 0.1"),
         (D95 + "{low: 0.0, high: 1.0, scale: log}", "scale log needs low above 0"),
         (D95 + "{lo: 0.1, high: 1.0}", "unknown key 'lo'; allowed: kind, low"),
-        (D95 + "[0.1, 1.0", r"line \d+: .*correct the YAML"),
         (D95 + "{low: 0.3, high: 1.0}", "has the default 0.14, outside"),
-        (D95 + "{low: 0.1, high: 1.0, default: 2}", "has the default 2, outside"),
         (D95 + "{low: abc, high: 1.0}", "low is 'abc'; it must be a number"),
         (D95 + "{high: 1.0}", "gate.d95_m: 'low' is missing"),
-        (D95 + "{low: 0.1, high: }", "gate.d95_m: 'high' is missing"),
-        (D95 + "{low: 0.1, high: 1_0}", "1_0 is a number in YAML 1.1"),
         (D95 + "{low: 0.1, high: 1, scale: cubic}", "scale is 'cubic'; allowed: linear, log"),
-        (D95 + "{kind: complex, low: 0.1, high: 1}", "kind is 'complex'; allowed: float"),
         (D95 + "0.3", "give a mapping"),
         (D95 + "{low: 0.1, high: 1.0, also: gate.d95}", "also is 'gate.d95'; it must be a list"),
-        (D95 + "{low: 0.1, high: 1.0, also: [gate.d96_m]}", "unknown mission parameter 'gate.d96_m'"),
         (D95 + "{low: 0.1, high: 1.0, also: [gate.d95_m]}", "gate.d95_m is tuned twice"),
-        (GOOD + "  gate.d95_m: {low: 0.1, high: 1.0}", r"line 3: duplicate key 'gate.d95_m'"),
         (GOOD + "base:\n  gate.d95_m: 0.2", "both fixed in 'base' and tuned"),
-        (GOOD + "base:\n  gate.kind: psychic", "base: gate.kind is 'psychic'"),
         (GOOD + "begin: {gate.d95_m: 0.2}", "'begin' must list mappings"),
-        (
-            GOOD + "begin:\n  - {gate.d95_m: 7}",
-            r"begin: gate.d95_m is 7, outside of the search space: \[0.01, 1\]",
-        ),
-        (
-            GOOD + "begin:\n  - {photographs: 30}",
-            "'photographs' is not in the search space; it has gate.d95_m",
-        ),
-        ("parametres:\n  gate.d95_m: {low: 0.1, high: 1.0}", "unknown key 'parametres'"),
+        (GOOD + "begin:\n  - {gate.d95_m: 7}", r"gate.d95_m is 7, outside of the search space: \[0.01, 1\]"),
+        (GOOD + "begin:\n  - {photographs: 30}", "'photographs' is not in the search space"),
         ("parameters: {}", "at least one parameter"),
         ("", "mapping with the key 'parameters'"),
         ("parameters: {gate.d95: {low: 0.1, high: 1.0}}", r"unknown mission parameter 'gate.d95'; did you"),
@@ -113,9 +99,7 @@ GOOD = D95 + "{kind: float, low: 0.01, high: 1.0, scale: log}\n"
             "gate.budget_fraction is 2.0; it must be a number of at most 1",
         ),
         ("parameters: {dense.neighbours: {kind: int, low: 1.5, high: 4}}", "whole number"),
-        ("parameters: {dense.neighbours: {low: 1.5, high: 4}}", "it must be a whole number"),
         ("parameters: {stop.knn_region: {kind: categorical, choices: [all]}}", "at least two"),
-        ("parameters: {stop.knn_region: {kind: categorical, choices: [all, xray]}}", "allowed: all"),
     ],
 )
 def test_mistakes_are_named(text: str, message: str) -> None:
@@ -157,14 +141,11 @@ def test_one_parameter_may_set_several_paths() -> None:
 
 
 def test_files_that_cannot_be_read(tmp_path: Path) -> None:
-    with pytest.raises(
-        UserError, match="unknown search space 'gates'; there are full, gate, gate_and_weights,"
-    ):
-        load_search_space("gates")
-    with pytest.raises(UserError, match="cannot read"):
-        load_search_space(tmp_path / "none.yaml")
+    refused(
+        "unknown search space 'gates'; there are full, gate, gate_and_weights,", load_search_space, "gates"
+    )
+    refused("cannot read", load_search_space, tmp_path / "none.yaml")
     (tmp_path / "binary.yaml").write_bytes(b"\xff\xfe\x00\x9f")
-    with pytest.raises(UserError, match=r"cannot read|not YAML"):
-        load_search_space(tmp_path / "binary.yaml")
+    refused(r"cannot read|not YAML", load_search_space, tmp_path / "binary.yaml")
     (tmp_path / "mine.yaml").write_text(GOOD)
     assert load_search_space(tmp_path / "mine.yaml").name == "mine"

@@ -88,18 +88,6 @@ def test_two_rocks_and_two_replicates_or_all_there_are(rocks, replicates, blocks
     assert may == [expected, True]  # the default always
 
 
-def test_a_lead_that_ran_too_seldom_waits() -> None:
-    def after(rocks: tuple[str, ...], once: list[Observation]) -> Recommendation | None:
-        blocks = [(rock, k) for rock in rocks for k in (0, 1)]
-        twice = [o for y in (50.0, 50.2) for o in missions(synthetic.DEFAULT, y, *blocks)]
-        return recommended([*twice, *once], rocks, replicates=2)
-
-    found = after(ROCKS, missions(GOOD, 60.0, ("r2", 1)))
-    assert found.keep_default
-    found = after(("r0",), missions(GOOD, 60.0, ("r0", 0), ("r0", 1)))
-    assert found.values == GOOD
-
-
 def test_of_two_as_good_the_one_with_fewer_changes_is_used_and_the_default_inside_the_noise() -> None:
     def of(gain: float, seed: int) -> Recommendation:
         """The first parameter alone matters."""
@@ -220,14 +208,10 @@ def test_one_outlier_of_any_size_moves_the_recommendation_by_less_than_a_twentie
     [
         ([0.0, 1.0, 2.0, 3.0, 4.0], [0.0, 1.0, 2.0, 3.0, 4.0]),
         ([0.0, 1.0, 2.0, 3.0, -1e12], [0.0, 1.0, 2.0, 3.0, -6.0]),  # two ranges away
-        ([0.0, 1.0, 2.0, 3.0, 1e12], [0.0, 1.0, 2.0, 3.0, 9.0]),
         ([0.0] * 17 + [0.5, 1.0, 90.0], [0.0] * 17 + [0.5, 1.0, 3.0]),
         ([0.0] * 17 + [0.5, 90.0, 91.0], [0.0] * 17 + [0.5, 90.0, 91.0]),  # two are accepted
         ([*np.linspace(0, 1, 17), -99.0, -99.0, -99.0], [*np.linspace(0, 1, 17), -2.0, -2.0, -2.0]),
-        ([1.0] * 9, [1.0] * 9),
         ([90.0] * 18 + [91.0, -1e6], [90.0] * 18 + [91.0, 88.0]),  # three different outcomes
-        ([90.0] * 18 + [89.0, 1e6], [90.0] * 18 + [89.0, 92.0]),
-        ([90.0] * 17 + [89.0, 91.0, 91.0], [90.0] * 17 + [89.0, 91.0, 91.0]),
         ([100.0] * 19 + [0.0], [100.0] * 19 + [0.0]),  # two: nothing says how far is far
         ([98.1, 98.1 + 2e-9, 98.1 - 2e-9, 98.2, 98.0], [98.1, 98.1, 98.1, 98.2, 98.0]),  # three are the same
         ([], []),

@@ -46,20 +46,6 @@ def points(facts: dict, packed: str) -> np.ndarray:
     return np.array(facts["origin"]) + STEP_M * steps
 
 
-def test_a_mission_without_planned_views_is_shown(tmp_path: Path) -> None:
-    orbit = {"photographs": 16, "seeds": 16, "seed.layout": "turn", "seed.lowest_deg": 10.0}
-    config = preset("campaign").with_values({**orbit, "sparse.ground_features": 2000})
-    metrics = run_geometric_mission(config, "slab", 0, tmp_path / "run").metrics
-    (facts,) = shown(write_mission_view([tmp_path / "run"], tmp_path / "view.html"))
-    assert [step["views"] for step in facts["steps"]] == [*range(1, 17), 16]
-    assert facts["headline"].startswith("16 photographs, F-score")
-    said = dict(facts["steps"][-1]["facts"])["completeness at 48 mm by azimuth from east"]
-    assert f"15° {metrics['whole']['sector_completeness_48mm'][0]:.0f} %" in said
-    assert said.count("°") == len(metrics["sector_centers_deg"])
-    around = np.array([view["at"] for view in facts["views"]]) - facts["target"]
-    np.testing.assert_allclose(np.linalg.norm(around, axis=1), 4.0, atol=0.4)  # where it arrived
-
-
 def test_the_slider_goes_over_every_capture(mission: Path, tmp_path: Path) -> None:
     page = write_mission_view([mission], tmp_path / "view.html")
     (facts,) = shown(page)

@@ -3,7 +3,7 @@
 import dataclasses
 import functools
 import html
-import io
+import json
 import re
 import shlex
 from pathlib import Path
@@ -11,28 +11,23 @@ from pathlib import Path
 import fake_campaigns
 import pytest
 from made_evaluations import made_facts, made_run
-from rich.console import Console
+from refusals import refused
 
-from nbv.errors import UserError
 from tuner.answer.answer import answer_of
 from tuner.campaign.begin import begin_campaign
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.settings import CampaignSettings
 from tuner.cli import app
-from tuner.comparison.statistics import Verdict, comparison_table, kind_of
+from tuner.comparison.statistics import comparison_table
 from tuner.problem.goal import Objective
 from tuner.problem.space_files import load_search_space
 from tuner.report import words, write_campaign_report
 from tuner.report.campaign_page import reproduce_command
 from tuner.report.comparison import (
-    cell,
-    result_tables,
     table_i,
-    verdict_lines,
-    warnings_of,
     write_comparison_report,
 )
-from tuner.report.labels import Table
+from tuner.report.pages import recorded, recorded_rows
 
 evaluated = functools.partial(
     fake_campaigns.run, name="tiny", space=load_search_space("gate"), budget=6, sampler="sobol"
@@ -99,8 +94,7 @@ def test_a_campaign_that_is_there_is_not_run_with_other_settings(tmp_path, monke
     monkeypatch.setattr("tuner.commands.campaign.run_and_report", lambda *_, **__: None)
     words = ["campaign", "run", "--name", "b", "--resume-if-present", "--budget"]
     app([*words, "6", "--quick"], standalone_mode=False)  # what --quick alone would set is not given
-    with pytest.raises(UserError, match="budget is 6 there, not 12"):
-        app([*words, "12"], standalone_mode=False)
+    refused("budget is 6 there, not 12", app, [*words, "12"], standalone_mode=False)
 
 
 def test_campaign_of_failures_alone_has_a_page(tmp_path: Path) -> None:
@@ -114,12 +108,6 @@ def test_campaign_of_failures_alone_has_a_page(tmp_path: Path) -> None:
 PAPER_ROWS = [f"{name} ↓ (mm)" for name in ("Hausdorff", "Mean C2C", "Median C2C", "P95 C2C")]
 PAPER_ROWS += ["Completeness ↑ (%)", "F-score ↑ (%)"] * 2
 LEVELS = {"covis": 60.0, "b-aware": 55.0, "hyb-h": 58.0, "hyb-o": 66.0}
-
-
-def printed(table: Table, width: int) -> str:
-    console = Console(file=io.StringIO(), width=width)
-    console.print(*table.for_terminal())
-    return console.file.getvalue()
 
 
 def test_table_one_has_its_layout() -> None:
@@ -138,55 +126,6 @@ def test_table_one_has_its_layout() -> None:
     assert [c.text for c in lines[-1].cells] == ["12"] * 4
 
 
-def test_differences_keep_the_sign_and_verdicts_the_direction() -> None:
-    run = made_run({"tuned": 66.0, "hyb-h": 60.0, "covis": 54.0, "random": 60.02}, noise=0.5)
-    table = comparison_table(run.records, tuple(run.plan.strategies), "hyb-h")
-    mean_c2c, f_score = table.rows[1], table.rows[5]
-    kinds = {"tuned": Verdict.BETTER, "covis": Verdict.WORSE, "random": Verdict.NO_DIFFERENCE}
-    assert {name: kind_of(f_score.differences[name]) for name in kinds} == kinds
-    assert {name: kind_of(mean_c2c.differences[name].reversed) for name in kinds} == kinds
-    assert verdict_lines(made_facts(run))[0].startswith("Tuned is better than Hyb-H in F-score @ 48 mm")
-    assert cell(mean_c2c, "tuned").below[1].startswith("−") and len(cell(mean_c2c, "hyb-h").below) == 1
-
-
-def test_no_interval_no_verdict() -> None:
-    facts = made_facts(made_run({"tuned": 66.0, "hyb-h": 60.0}, rocks=("cobble",), replicates=1))
-    (row,) = facts.judged
-    assert kind_of(row.from_reference) is Verdict.NO_INTERVAL and row.from_reference.mean > 5.0
-    assert any("no result here carries over to other rocks" in warning for warning in warnings_of(facts))
-
-
-def test_terminal_tables() -> None:
-    facts = made_facts(made_run(LEVELS, failed=(("covis", "slab", 1),)))
-    for width in (80, 140):
-        text = printed(table_i(facts.tables["whole"], "Table I", paper=True, differences=False), width)
-        assert "paper 535.1" in text and "11 + 1 failed" in text and "Thresholded @ 80 mm" in text
-        assert max(map(len, text.splitlines())) <= width and "…" not in text
-    names = ("tuned", "movement-only", *LEVELS, "predicted", "greedy-oracle", "random")
-    run = made_run({name: 60.0 + 1.5 * i for i, name in enumerate(names)}, noise=0.5)
-    (table,) = result_tables(made_facts(run), narrow=True)
-    text = printed(table, 80)
-    assert max(map(len, text.splitlines())) <= 80 and "…" not in text
-    assert all(c.text in text for row in table.rows for c in row.cells)
-
-
-def test_strategies_that_took_the_same_photographs_are_marked_everywhere(tmp_path: Path) -> None:
-    run = made_run({"covis": 60.0, "b-aware": 58.0, "hyb-h": 58.0, "greedy-oracle": 66.0}, noise=0.0)
-    taken = {"covis": "c", "greedy-oracle": "g"}
-    records = [
-        dataclasses.replace(r, record=dataclasses.replace(r.record, photographs=taken.get(r.strategy, "b")))
-        for r in run.records
-    ]
-    plan = dataclasses.replace(run.plan, fidelity="geometric")
-    facts = made_facts(dataclasses.replace(run, plan=plan, records=records, directory=tmp_path))
-    (table,) = result_tables(facts)
-    assert "Hyb-H took the same photographs as B-aware." in table.caption
-    for width in (60, 80):
-        assert max(map(len, printed(table, width).splitlines())) <= width
-    page = write_comparison_report(facts).read_text()
-    assert "dense clouds against" not in page, "nothing was photographed"
-
-
 def test_the_page_names_failures(tmp_path: Path) -> None:
     failed = tuple(("b-aware", "slab", k) for k in range(3))
     facts = made_facts(dataclasses.replace(made_run(LEVELS, failed=failed), directory=tmp_path))
@@ -201,3 +140,10 @@ def test_the_page_names_failures(tmp_path: Path) -> None:
     slab = next(row for row in re.findall(r"<tr>.*?</tr>", source) if row.startswith("<tr><td>B-aware</td>"))
     assert slab.count("<td>0.0</td>") == 1  # target by target: the one on which it failed
     assert source.count("Hausdorff ↓ (mm)") == 2  # two surfaces
+
+
+@pytest.mark.parametrize("provenance", ["text", 7, [1], {"versions": "text"}, {"versions": ["numpy"]}])
+def test_a_provenance_that_is_no_record_is_left_out(tmp_path, provenance):
+    (tmp_path / "mission.json").write_text(json.dumps({"provenance": provenance}))
+    assert recorded([tmp_path]) == []
+    assert dict(recorded_rows(recorded([tmp_path])))["machine"] == "not recorded"

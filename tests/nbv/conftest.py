@@ -1,4 +1,4 @@
-"""A ball on the ground in even light, as the renderer shows it, with its true depth in closed form."""
+"""A ball on the ground: as a scene, and as the renderer shows it in even light, with its true depth in closed form."""
 
 from dataclasses import dataclass
 
@@ -8,7 +8,23 @@ from scene_helpers import CENTRE_M, SMALL_CAMERA, SMALL_GROUND, around, closed_f
 
 from nbv.config import CameraConfig, SceneConfig
 from nbv.geometry.frames import look_at
+from nbv.rocks import Rock
 from nbv.scene import build_scene, make_renderer
+
+
+@pytest.fixture(scope="session")
+def ball() -> Rock:
+    return make_ball()
+
+
+@pytest.fixture(scope="session")
+def ball_scene(ball, gatetune_home):
+    return build_scene(ball, SceneConfig(), SMALL_CAMERA, SMALL_GROUND)
+
+
+@pytest.fixture(scope="session")
+def raycast(ball_scene):
+    return make_renderer(ball_scene, "raycast")
 
 
 @dataclass(frozen=True)
@@ -20,9 +36,9 @@ class SyntheticScene:
 
 
 @pytest.fixture(scope="session")
-def scene(gatetune_home):
+def scene(ball, gatetune_home):
     light = SceneConfig(ambient=1.0, sun_irradiance=0.0)
-    renderer = make_renderer(build_scene(make_ball(), light, SMALL_CAMERA, SMALL_GROUND), "raycast")
+    renderer = make_renderer(build_scene(ball, light, SMALL_CAMERA, SMALL_GROUND), "raycast")
     poses = {f"view_{a:03d}.png": look_at(around(a, 25.0), CENTRE_M) for a in (0, 9, 18, 27, 36)}
     return SyntheticScene(
         {name: renderer.rgb(pose) for name, pose in poses.items()},
