@@ -57,7 +57,7 @@ class Street:
         quick = [w for name, value in small.items() if name in known for w in (f"--{name}", value)]
         if "--quick" in words:  # in its dim hall not every mission on every rock succeeds
             quick += ["--compare-on", "arch"]
-        elif "--rock" not in words and words[:2] != ["campaign", "resume"] and "rock" in known:
+        elif "rock" in known and not {"--rock", "resume", "runs/tune/campaign.yaml"} & set(words):
             quick += ROCKS.get(words[0], [])
         if words[0] == "reproduce":
             quick += ["--strategy", "hyb-h", "--strategy", "covis"]
