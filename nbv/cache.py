@@ -78,7 +78,7 @@ def cached(
 ) -> Arrays:
     """What ``make`` gives, from the store if it is there.
 
-    ``store`` None: nothing is read or written. ``kind`` is what ``gatetune cache info`` calls it. What ``make`` raises is raised, and
+    ``store`` None: nothing is read or written. ``kind`` is the folder of the store. What ``make`` raises is raised, and
     nothing is kept. ``code`` is the module or package that makes it (`code_digest`), ``inputs`` everything else that decides it, each
     as `nbv.cache.digest` takes it.
     """

@@ -120,9 +120,9 @@ BASELINES: dict[str, Baseline] = {
         Baseline("orbit-middle", "Orbit at 15°", MIDDLE_RING, plans=False),
         Baseline("orbit", "Orbit at 10°", ONE_RING, plans=False),
         Baseline("orbit-high", "Orbit at 20°", HIGH_RING, plans=False),
-        Baseline(
-            "orbit-two", "Orbit, two rings", TWO_RINGS, plans=False
-        ),  # 62 % of it at 10° and the rest at 35°
+        # 62 % of it at 10° and the rest at 35°.
+        Baseline("orbit-two", "Orbit, two rings", TWO_RINGS, plans=False),
+        # Their second halves are moved to the target that the first have located.
         Baseline("orbit-recentred", "Orbit, re-centred", ONE_RING, plans=False, recentred=True),
         Baseline(
             "orbit-two-recentred", "Orbit, two rings, re-centred", TWO_RINGS, plans=False, recentred=True
