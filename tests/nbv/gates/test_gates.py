@@ -151,6 +151,16 @@ def test_hyb_o_takes_the_side_that_is_not_reconstructed() -> None:
     assert rewards["covis"] == np.count_nonzero(o.visible(p.positions_m[0]) & ~coverage.covered)
 
 
+def test_the_papers_code_is_degenerate() -> None:
+    """Frustum membership covers everything at the first seed, so its oracle always says Covis."""
+    o, p = oracle("paper-code"), opposite_pool()
+    s = state(visited=state().visited_m[:1])
+    assert o.coverage(s).covered.all()
+    decision = make_gate(oracle_config("paper-code"), oracle=o).decide(s, p, rankings(0, 1, 2))
+    assert decision.ranking.scorer == "covis"
+    assert decision.details["oracle_rewards"] == {"covis": 0.0, "b-aware": 0.0}
+
+
 def test_the_later_code_credits_a_scorers_own_term() -> None:
     """Its oracle is as blind, but what B-aware promises counts, and ties go to the clearer preference (f3120ba)."""
     later = oracle_config("paper-code").with_values({"gate.oracle_quality_weight": 0.5})
