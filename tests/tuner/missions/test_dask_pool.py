@@ -16,7 +16,6 @@ import numpy as np
 import psutil
 import pytest
 from fake_campaigns import settings
-from refusals import refused
 from test_pool import job, run_jobs
 
 from nbv import plugins
@@ -153,13 +152,15 @@ def test_own_rocks_reach_workers_and_other_versions_are_refused(tmp_path, monkey
         assert read_rock(there).sha256 == own.sha256
         monkeypatch.setattr(dask_pool, "versions", lambda: {"python": "2.7.18"})
         said = f"python is {sys.version.split()[0]} there and 2.7.18 here"
-        refused(said, run_jobs, executor, [job(tmp_path, "boulder", 3)])
+        with pytest.raises(UserError, match=said):
+            run_jobs(executor, [job(tmp_path, "boulder", 3)])
 
 
 @pytest.mark.parametrize("scheduler", ["boulder", "tcp://[::1", "tcp://127.0.0.1:1", "tls://127.0.0.1:1"])
 def test_a_scheduler_that_does_not_answer_is_refused(scheduler: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(dask_pool, "_CONNECT_S", 0.2)
-    refused(r"answers at|no such file", DaskPool, scheduler, 60.0)
+    with pytest.raises(UserError, match=r"answers at|no such file"):
+        DaskPool(scheduler, 60.0)
 
 
 def test_a_mission_that_crashes_or_hangs_fails_alone_on_a_worker_with_a_nanny(tmp_path: Path) -> None:
