@@ -481,6 +481,15 @@ def test_copies_are_no_photographs(tmp_path: Path) -> None:
     assert len(small) == 9  # what stands alone is a photograph
 
 
+def test_upright_thumbnails_of_a_turned_photograph_are_copies(tmp_path: Path) -> None:
+    for path in sorted(pictures(tmp_path / "photographs").iterdir()):
+        shrunk(path, tmp_path / "photographs" / "small" / path.name, (160, 120), 70)
+        sideways = Image.open(path).transpose(Image.Transpose.ROTATE_90)
+        save(sideways, path, int(path.stem[-1]), orientation=6)
+    found, _ = read_folder(tmp_path / "photographs", silent)
+    assert len(found) == 9 and {p.size_px for p in found} == {(360, 480)}
+
+
 def test_neighbouring_views_are_photographs(tmp_path: Path) -> None:
     """Rendered views 3 degrees apart, of one size and of two; and pictures that a clock takes apart."""
     azimuths = 3.0 * np.arange(10)
