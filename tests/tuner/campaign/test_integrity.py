@@ -144,8 +144,7 @@ def test_a_campaign_killed_while_it_is_made_goes_on(at, tmp_path, monkeypatch):
     assert run_campaign(campaign, InProcessExecutor()).status.complete == 2
 
 
-# The load of 512 workers whose missions take 20 s: 26 proposals a second.
-WORKERS, MISSION_S, BUDGET = 256, 10.0, 768
+WORKERS, MISSION_S, BUDGET = 512, 20.0, 1536
 
 
 class SimulatedWorkers(Executor):
@@ -187,7 +186,7 @@ class SimulatedWorkers(Executor):
 
 
 @pytest.mark.slow
-def test_many_workers_are_busy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_512_workers_are_busy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     campaign = begin_campaign(
         tmp_path / "run", settings(space=load_search_space("gate"), budget=BUDGET, replicates=8)
     )
