@@ -206,6 +206,10 @@ class Flight:
         self._space = replace(self._space, target_m=target_m, limits=limits)
 
     @property
+    def _limits(self) -> FlightConfig:
+        return self._space.limits
+
+    @property
     def position_m(self) -> Floats:
         """(3,) where the vehicle estimates to be."""
         return np.array(self._pose.position_m)
@@ -218,17 +222,17 @@ class Flight:
     def take_off(self) -> None:
         """Climb from home to the take-off altitude."""
         x, y, z = self._pose.position_m
-        up = Pose((x, y, z + self._space.limits.takeoff_altitude_m), self._pose.heading_rad)
+        up = Pose((x, y, z + self._limits.takeoff_altitude_m), self._pose.heading_rad)
         self._fly("take-off", self._space.straight(self._pose, up), 0.0)
 
     def fly_to(self, viewpoint: Viewpoint) -> Floats:
         """Fly to a viewpoint, around the rock if need be, and settle; returns the actual position (3,)."""
-        arrived = arrival_position(viewpoint, self._space.limits, self._key)
+        arrived = arrival_position(viewpoint, self._limits, self._key)
         if self._wind.gust_m_s > 0:
             arrived += sway_m(self._wind, self._key, viewpoint.id)
-            arrived[2] = max(arrived[2], self._space.limits.min_camera_altitude_m)
+            arrived[2] = max(arrived[2], self._limits.min_camera_altitude_m)
         end = pose_at(arrived, float(heading_to(arrived, np.array(self._space.target_m))))
-        self._fly(viewpoint.id, self._space.route(self._pose, end), self._space.limits.settle_s)
+        self._fly(viewpoint.id, self._space.route(self._pose, end), self._limits.settle_s)
         return arrived
 
     def hover(self, seconds: float) -> None:
@@ -237,10 +241,8 @@ class Flight:
 
     def return_and_land(self) -> None:
         """Fly back above home and descend."""
-        home = self._space.limits.home_m
-        above = Pose(
-            (home[0], home[1], home[2] + self._space.limits.takeoff_altitude_m), self._pose.heading_rad
-        )
+        home = self._limits.home_m
+        above = Pose((home[0], home[1], home[2] + self._limits.takeoff_altitude_m), self._pose.heading_rad)
         self._fly("return", self._space.route(self._pose, above), 0.0)
         down = Pose((home[0], home[1], home[2]), self._pose.heading_rad)
         self._fly("landing", self._space.straight(self._pose, down), 0.0)
@@ -282,8 +284,8 @@ class Flight:
         self.events.append(FlightEvent(name, self.flight_time_s, legs, hover_s))
         self.flight_time_s += sum(leg.duration_s for leg in legs) + hover_s
         self.path_length_m += sum(leg.path_length_m for leg in legs)
-        self.energy_wh += sum(leg_energy_wh(self._space.limits, leg) for leg in legs)
-        self.energy_wh += power_w(self._space.limits) * hover_s / J_PER_WH
+        self.energy_wh += sum(leg_energy_wh(self._limits, leg) for leg in legs)
+        self.energy_wh += power_w(self._limits) * hover_s / J_PER_WH
         if legs:
             self._pose = legs[-1].end
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -84,15 +85,22 @@ def predicted_metrics(world: GeometricWorld, probability: Floats, config: Missio
         "sector_centers_deg": sector_centers_deg(config.evaluation.azimuth_sectors).tolist(),
     }
     for surface, mask in (("whole", everything), ("observable", world.observable)):
-        scores, curve, asked = dict[str, Any](), list[float](), sorted(config.evaluation.thresholds_mm)
-        for t in asked:
-            completeness = 100.0 * float(reached[t][mask].mean())
-            curve.append(f_score(100.0, completeness))
-            scores |= {f"completeness_{t:g}mm": completeness, f"f_score_{t:g}mm": curve[-1]}
-        scores["f_score_auc"] = area_under_curve(asked, curve)
+        scores = _scores({t: p[mask] for t, p in reached.items()}, config.evaluation.thresholds_mm)
         scores[f"sector_completeness_{SECTOR_THRESHOLD_MM:g}mm"] = share_by_sector(
             sectors[mask], reached[SECTOR_THRESHOLD_MM][mask], config.evaluation.azimuth_sectors
         )
         scores["n_gt_samples"] = int(mask.sum())
         metrics[surface] = scores
     return metrics
+
+
+def _scores(reached: dict[float, Floats], thresholds_mm: Sequence[float]) -> dict[str, Any]:
+    scores: dict[str, Any] = {}
+    curve = []
+    for t in sorted(thresholds_mm):
+        completeness = 100.0 * float(reached[t].mean())
+        scores[f"completeness_{t:g}mm"] = completeness
+        scores[f"f_score_{t:g}mm"] = f_score(100.0, completeness)
+        curve.append(scores[f"f_score_{t:g}mm"])
+    scores["f_score_auc"] = area_under_curve(sorted(thresholds_mm), curve)
+    return scores

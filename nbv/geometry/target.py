@@ -49,14 +49,7 @@ def ground_plane(
     ``hypotheses`` planes are drawn through triples of ``drawn_from_m`` (M, 3); no more than ``most_below`` of the points may lie
     below one. The best is refined by least squares over the points about it, unless that is no ground. None where none is.
     """
-    triples = drawn_from_m[rng.integers(len(drawn_from_m), size=(hypotheses, 3))]
-    across = np.cross(triples[:, 1] - triples[:, 0], triples[:, 2] - triples[:, 0])
-    lengths = np.linalg.norm(across, axis=1)
-    proper = lengths > 1e-9  # no triple on a line
-    across = across[proper] / lengths[proper, None]
-    across *= np.where(across[:, 2] < 0, -1.0, 1.0)[:, None]
-    drawn = (Plane(n, float(offset_m)) for n, offset_m in zip(across, (across * triples[proper, 0]).sum(1)))
-    planes = [plane for plane in drawn if is_ground(plane)]
+    planes = [plane for plane in drawn_planes(drawn_from_m, hypotheses, rng) if is_ground(plane)]
     if not planes:
         return None
     # Single precision is enough to count (points lie within metres of the origin) and twice as fast; so are blocks that
@@ -75,14 +68,28 @@ def ground_plane(
     if near[best] == 0:
         return None
     inliers = points_m[np.abs(planes[best].signed_distance_m(points_m)) <= band_m]
-    if len(inliers) < 3:
-        return planes[best]
-    # Total least squares.
-    center = inliers.mean(0)
-    normal = np.linalg.eigh(np.cov((inliers - center).T))[1][:, 0]
-    normal = normal if normal[2] >= 0 else -normal
-    refined = Plane(normal, float(normal @ center))
+    refined = fitted_plane(inliers) if len(inliers) >= 3 else planes[best]
     return refined if is_ground(refined) else planes[best]
+
+
+def drawn_planes(points_m: Floats, count: int, rng: np.random.Generator) -> list[Plane]:
+    """The planes through ``count`` triples of the points (N, 3), without triples on a line."""
+    triples = points_m[rng.integers(len(points_m), size=(count, 3))]
+    normals = np.cross(triples[:, 1] - triples[:, 0], triples[:, 2] - triples[:, 0])
+    lengths = np.linalg.norm(normals, axis=1)
+    proper = lengths > 1e-9
+    normals = normals[proper] / lengths[proper, None]
+    normals *= np.where(normals[:, 2] < 0, -1.0, 1.0)[:, None]
+    offsets_m = (normals * triples[proper, 0]).sum(1)
+    return [Plane(normal, float(offset_m)) for normal, offset_m in zip(normals, offsets_m)]
+
+
+def fitted_plane(points_m: Floats) -> Plane:
+    """The total-least-squares plane of three points (N, 3) or more."""
+    center = points_m.mean(0)
+    normal = np.linalg.eigh(np.cov((points_m - center).T))[1][:, 0]
+    normal = normal if normal[2] >= 0 else -normal
+    return Plane(normal, float(normal @ center))
 
 
 REACH_M = 4.0  # about the aim, horizontally: the seed orbit's radius

@@ -138,13 +138,7 @@ def in_frustum(points_m: Floats, positions_m: Floats, target_m: Floats, camera: 
     The principal point is the image's centre: a point is inside where neither of its scaled coordinates across the line of
     sight exceeds its depth.
     """
-    # The axes of `nbv.geometry.frames.look_at` for every position at once.
-    forward = directions_from(positions_m, target_m)
-    right = np.cross(forward, (0.0, 0.0, 1.0))
-    straight = np.linalg.norm(right, axis=1) < 1e-9  # up or down: the image's up is north
-    right[straight] = np.cross(forward[straight], (0.0, 1.0, 0.0))
-    right /= np.linalg.norm(right, axis=1, keepdims=True)
-    down = np.cross(forward, right)
+    right, down, forward = camera_axes(positions_m, target_m)
     x, y, z = (
         scale * np.concatenate([axis.T, -np.einsum("ij,ij->i", axis, positions_m)[None]])
         for axis, scale in (
@@ -160,6 +154,16 @@ def in_frustum(points_m: Floats, positions_m: Floats, target_m: Floats, camera: 
         off_axis = np.maximum(np.abs(block @ x), np.abs(block @ y))
         visible[start : start + BLOCK] = off_axis <= block @ z
     return visible
+
+
+def camera_axes(positions_m: Floats, target_m: Floats) -> tuple[Floats, Floats, Floats]:
+    """(C, 3) each: right, down and forward of `nbv.geometry.frames.look_at` for every position at once."""
+    forward = directions_from(positions_m, target_m)
+    right = np.cross(forward, (0.0, 0.0, 1.0))
+    straight = np.linalg.norm(right, axis=1) < 1e-9  # up or down: the image's up is north
+    right[straight] = np.cross(forward[straight], (0.0, 1.0, 0.0))
+    right /= np.linalg.norm(right, axis=1, keepdims=True)
+    return right, np.cross(forward, right), forward
 
 
 def incidences_deg(points_m: NDArray[Any], normals: NDArray[Any], cameras_m: NDArray[Any]) -> Floats32:

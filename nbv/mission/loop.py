@@ -52,14 +52,7 @@ class AdaptiveMission:
         if not self._target_found:
             self.recorder.located(None)
         if self.config.plans_on_depth:
-            # How much of the surface the seeds alone and all photographs are expected to reconstruct.
-            with self.recorder.stopwatch.timed("planning"):
-                prediction = predict(model, self.config)
-                places_m = np.array([capture.viewpoint.position_m for capture in self.captures])
-                seeds = [capture.viewpoint.band == "seed" for capture in self.captures]
-                views = {"seeds": places_m[seeds], "all": model.camera_centers_m}
-                shares = {name: prediction.expected_share(of) for name, of in views.items()}
-            self.recorder.expected(shares)
+            self.tell_expectation(model)
         return self.finish()
 
     def run_seed_phase(self) -> SparseModel:
@@ -134,6 +127,16 @@ class AdaptiveMission:
             model = report.model
             self.look_for_target(model)
         return model
+
+    def tell_expectation(self, model: SparseModel) -> None:
+        """How much of the surface the seeds alone and all photographs are expected to reconstruct."""
+        with self.recorder.stopwatch.timed("planning"):
+            prediction = predict(model, self.config)
+            places_m = np.array([capture.viewpoint.position_m for capture in self.captures])
+            seeds = [capture.viewpoint.band == "seed" for capture in self.captures]
+            views = {"seeds": places_m[seeds], "all": model.camera_centers_m}
+            shares = {name: prediction.expected_share(of) for name, of in views.items()}
+        self.recorder.expected(shares)
 
     def finish(self) -> Cloud:
         """Fly home, then reconstruct the dense cloud."""

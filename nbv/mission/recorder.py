@@ -90,27 +90,11 @@ class Recorder:
             self.registered_images = len(report.model.camera_names)
             if not report.registered:
                 self.notes.append("unregistered_image")
-            state, pool, decision = plan.state, plan.pool, plan.decision
-            assert decision is not None, "only a chosen view is photographed"
-            record = IterationRecord(
-                iteration=state.iteration,
-                pool_counts=pool.counts,
-                d95_m=state.d95_m,
-                n_points=len(state.model.points_m),
-                n_registered=len(state.model.camera_names),
-                alignment_rms_m=state.model.alignment_rms_m,
-                scorer=decision.ranking.scorer,
-                reason=decision.reason,
-                gate_details=decision.details,
-                top={name: _best(ranking, pool) for name, ranking in plan.rankings.items()},
-                chosen=pool.ids[decision.ranking.top],
-                registered=report.registered,
-                message=report.message,
-            )
+            record = self._record(plan, report)
             self.trace.append(record)
             if self._run is not None:
                 self._run.append(TRACE, json.dumps(json_ready(record)))
-            number, budget = record.iteration + 1, state.planned_views
+            number, budget = record.iteration + 1, plan.state.planned_views
             left_s = (budget - number) * (time.perf_counter() - self._planned_at_s)
             self._log(
                 f"capture {number:2d} of {budget}: {record.scorer:<8} chose {record.chosen}  "
@@ -135,6 +119,25 @@ class Recorder:
         with self.stopwatch.timed("files"):
             if self._run is not None:
                 write_ply(self._run.root / DENSE, cloud)
+
+    def _record(self, plan: Plan, report: UpdateReport) -> IterationRecord:
+        state, pool, decision = plan.state, plan.pool, plan.decision
+        assert decision is not None, "only a chosen view is photographed"
+        return IterationRecord(
+            iteration=state.iteration,
+            pool_counts=pool.counts,
+            d95_m=state.d95_m,
+            n_points=len(state.model.points_m),
+            n_registered=len(state.model.camera_names),
+            alignment_rms_m=state.model.alignment_rms_m,
+            scorer=decision.ranking.scorer,
+            reason=decision.reason,
+            gate_details=decision.details,
+            top={name: _best(ranking, pool) for name, ranking in plan.rankings.items()},
+            chosen=pool.ids[decision.ranking.top],
+            registered=report.registered,
+            message=report.message,
+        )
 
 
 def _best(ranking: Ranking, pool: CandidatePool) -> dict[str, float | str]:

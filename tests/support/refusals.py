@@ -13,6 +13,7 @@ def refused(says: str, call: Callable[..., Any], *arguments: Any, **options: Any
     with pytest.raises(UserError, match=says) as told:
         call(*arguments, **options)
     said = str(told.value)
-    del told  # it holds the frames of the call, and this one holds it: what is in them would end whenever, in any thread
+    # Traceback and frame hold each other: what the call made would else be finalised at any later time, in any thread.
+    del told
     assert "\n" not in said
     return said

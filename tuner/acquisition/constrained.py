@@ -86,6 +86,10 @@ class Constraint:
         level = model.mean_scale * model.means(unit)
         return (self.at_least - float(np.mean(mean - level))) / model.mean_scale
 
+    def is_hopeless(self) -> bool:
+        """Whether nothing that was run has a chance to meet the constraint, which only missions show."""
+        return bool((self.probability(self.model.evaluated[1]) < HOPELESS).all())
+
     def promising(self, first: InstanceMeanGP) -> Floats:
         """Return (few, d) unit positions run: the best that may meet the constraint, else those nearest to it."""
         unit, configurations = self.model.evaluated
@@ -110,9 +114,7 @@ def propose_constrained(
     running = model.inputs_at(pending) if pending else None
     with numerics():
         near = constraint.promising(first)
-        if (
-            constraint.probability(constraint.model.evaluated[1]) < HOPELESS
-        ).all():  # only missions show that
+        if constraint.is_hopeless():
             model = constraint.model
             acquisition: AcquisitionFunction = noisy_improvement(model, near, running, seed)
         else:

@@ -166,7 +166,7 @@ class Campaign:
 
         stored, identity, digest = read_settings(directory)
         settings = settings_from_dict(stored, str(directory / SETTINGS_FILE))
-        if expected and (difference := first_difference(settings.to_dict(), expected.to_dict())):
+        if expected is not None and (difference := first_difference(settings.to_dict(), expected.to_dict())):
             raise UserError(
                 f"{directory} holds a campaign with other settings: {difference}; "
                 f"resume it as it is (gatetune campaign resume {shlex.quote(str(directory))}; --missions N for more) or choose another directory"

@@ -148,9 +148,7 @@ def comparison_table(
     """Means with intervals per strategy, and paired differences from ``reference``, one of the strategies."""
     table = []
     for metric in rows:
-        of = Objective(
-            metric.key, "maximise"
-        )  # differences are strategy minus reference, whichever is better
+        of = Objective(metric.key, "maximise")  # differences: strategy minus reference, whichever is better
         cells = {name: over_rocks(values_of(records, name, of)) for name in strategies}
         paired = {name: strategy_gain(records, name, reference, of) for name in strategies}
         means = {name: difference.mean for name, difference in paired.items() if difference is not None}

@@ -81,10 +81,8 @@ def vehicle_files(exported: Exported) -> list[VehicleFile]:
         carried = tuple(path for path in changed if path in PARAMETERS[name] and path not in missing)
         texts = tuple(str(remark) for remark in remarks)
         header = [*_header(exported, carried), *(f"# does not transfer: {text}" for text in texts)]
-        text, lost = (
-            "\n".join((*header, write_text(values, name))),
-            tuple(p for p in changed if p not in carried),
-        )
+        text = "\n".join((*header, write_text(values, name)))
+        lost = tuple(path for path in changed if path not in carried)
         theirs.append(VehicleFile(name, text, carried, lost, texts))
     return [*theirs, ours]
 

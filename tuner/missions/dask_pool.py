@@ -32,8 +32,8 @@ from nbv.rocks import load_rock
 from nbv.rocks.catalogue import write_rock
 from nbv.rocks.families import generated_name
 from nbv.rocks.recipes import RECIPES
-from nbv.safe_files import remove, write_atomic
-from tuner.missions.job import MissionJob, Trial, load_trial
+from nbv.safe_files import write_atomic
+from tuner.missions.job import MissionJob, Trial, load_trial, remove_earlier_result
 from tuner.missions.pool import MAX_WORKERS, Executor, MissionPool, settle
 from tuner.missions.registry import code_of, mission_kind
 
@@ -89,7 +89,7 @@ class DaskPool(Executor):
     def submit(self, job: MissionJob) -> futures.Future[Trial]:
         self._require_scheduler()
         job.directory.mkdir(parents=True, exist_ok=True)
-        remove(job.directory / RESULT)  # which an earlier, unfinished attempt may have left
+        remove_earlier_result(job)
         rock_sha256, rock = self._rock(job)
         order = {
             "job": job.to_dict(),

@@ -17,7 +17,7 @@ from nbv.config import MissionConfig, config_from_dict
 from nbv.errors import UserError
 from nbv.mission.result import Keep, MissionResult
 from nbv.mission.run_directory import RESULT, read_result
-from nbv.safe_files import write_atomic
+from nbv.safe_files import remove, write_atomic
 from tuner.missions.registry import DEFAULT_FIDELITY
 from tuner.problem.goal import Objective
 from tuner.problem.instances import Instance
@@ -249,6 +249,11 @@ def record_failure(tree: Mapping[str, Any], reason: str, message: str) -> None:
     directory = Path(tree["directory"])
     directory.mkdir(parents=True, exist_ok=True)
     write_atomic(directory / RESULT, result.to_json())
+
+
+def remove_earlier_result(job: MissionJob) -> None:
+    """Remove the result that an earlier, unfinished attempt at this job may have left."""
+    remove(job.directory / RESULT)
 
 
 def _result_in(directory: Path) -> dict[str, Any] | None:

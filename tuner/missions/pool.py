@@ -32,8 +32,8 @@ from nbv import plugins
 from nbv.errors import MissionFailure, UserError
 from nbv.mission.run_directory import RESULT, WORKER_LOG
 from nbv.process import ONE_THREAD
-from nbv.safe_files import remove, write_atomic
-from tuner.missions.job import MissionJob, Trial, load_trial, record_failure
+from nbv.safe_files import write_atomic
+from tuner.missions.job import MissionJob, Trial, load_trial, record_failure, remove_earlier_result
 from tuner.missions.registry import DEFAULT_FIDELITY, kind_on, modules_of
 
 MAX_WORKERS = 256
@@ -122,7 +122,7 @@ class MissionPool(Executor):
             _start_server(self._fidelity)
 
     def submit(self, job: MissionJob) -> Future[Trial]:
-        remove(job.directory / RESULT)  # which an earlier, unfinished attempt may have left
+        remove_earlier_result(job)
         future: Future[Trial] = Future()
         # A thread each, which nobody waits for at the end of the program: it waits for one mission.
         trial = functools.partial(self._trial, job, job.to_dict(), future)

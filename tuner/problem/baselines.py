@@ -71,9 +71,8 @@ def grouped(paths: Collection[str]) -> dict[str, tuple[str, ...]]:
     """Return the paths by group, in the order of the groups, without empty ones."""
     groups: dict[str, list[str]] = {name: [] for name in (*_GROUPS, OTHER)}
     for path in paths:
-        groups[next((name for name, begins in _GROUPS.items() if path.startswith(begins)), OTHER)].append(
-            path
-        )
+        group = next((name for name, begins in _GROUPS.items() if path.startswith(begins)), OTHER)
+        groups[group].append(path)
     return {name: tuple(members) for name, members in groups.items() if members}
 
 

@@ -291,7 +291,8 @@ class SearchSpace:
 
 def value_at(config: MissionConfig, path: str) -> Any:
     """Return the value of a parameter path such as ``gate.d95_m``; ``UserError`` if there is no such path."""
-    return attrgetter(parameter(path).path)(config)
+    parameter(path)  # says which there are
+    return attrgetter(path)(config)
 
 
 def _range_text(parameter: Parameter) -> str:

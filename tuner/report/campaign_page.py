@@ -76,7 +76,8 @@ def write_campaign_report(campaign: Campaign, answer: Answer | None = None) -> P
     found, metric = answer.recommended, metric_label(s.objective.metric)
     rocks, evidence = dict(zip(s.rocks, short_names(s.rocks))), evidence_of(campaign, answer.recommended)
     # ``slab``, or ``slab, field`` where there is more than one condition.
-    names = {i: rocks[i.rock] + f", {i.condition}" * (len(s.conditions) > 1) for i in s.problem.instances}
+    several = len(s.conditions) > 1
+    names = {i: f"{rocks[i.rock]}, {i.condition}" if several else rocks[i.rock] for i in s.problem.instances}
     fly = "" if answer.fly is None else answer.fly.strategy
     model = campaign.surrogate() if found else None
     main = found[list(found)[-1]] if found else None
