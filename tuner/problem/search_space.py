@@ -203,10 +203,6 @@ class SearchSpace:
                     base, {**values, p.path: end}, f"{p.path} = {end!r}", "narrow the bounds"
                 )
         for begin in self.begin:
-            try:
-                self.require(begin)
-            except UserError as error:
-                raise UserError(f"search space {self.name!r}: begin: {error}") from error
             self._require_mission(base, {**values, **begin}, f"begin {begin}", "change it")
         return values
 

@@ -79,6 +79,11 @@ def space_from_dict(tree: Any, source: str) -> SearchSpace:
         str(tree.get("description") or ""),
         tuple(begin),
     )
+    for values in begin:
+        try:
+            space.require(values)
+        except UserError as error:
+            raise UserError(f"{source}: begin: {error}") from error
     try:
         space.base_config(MissionConfig())
     except UserError as error:

@@ -108,6 +108,15 @@ def test_mistakes_are_named(text: str, message: str) -> None:
     assert "\n" not in str(caught.value) and ("my.yaml" in str(caught.value) or "'my'" in str(caught.value))
 
 
+@pytest.mark.parametrize("value", ["7", ".nan", "hyb-h"])
+def test_a_beginning_outside_is_refused_where_the_file_is_read(value: str) -> None:
+    """A campaign leaves out beginnings that its settings exclude, so a mistake has to be named before."""
+    text = GOOD + f"begin:\n  - {{gate.d95_m: {value}}}"
+    refused(
+        r"my.yaml: begin: gate.d95_m is .* outside", space_from_dict, parse_yaml(text, "my.yaml"), "my.yaml"
+    )
+
+
 def test_more_seeds_than_photographs_are_refused() -> None:
     space = space_from_dict(
         parse_yaml(EQUAL.replace("low: 8, high: 30", "low: 33, high: 40"), "my.yaml"), "my.yaml"
