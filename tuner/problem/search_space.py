@@ -162,7 +162,9 @@ class SearchSpace:
             return dataclasses.replace(p, default=default, high=most)
 
         parameters = tuple(map(fit, self.parameters))
-        return dataclasses.replace(self, parameters=parameters, base={**self.base, **of_number})
+        # A beginning with more seeds than there are photographs is left out.
+        begin = tuple(b for b in self.begin if all(p.contains(b.get(p.path, p.default)) for p in parameters))
+        return dataclasses.replace(self, parameters=parameters, base={**self.base, **of_number}, begin=begin)
 
     def with_defaults(self, values: Mapping[str, Any]) -> SearchSpace:
         """Return the space with these values, by path, in the place of its own defaults."""

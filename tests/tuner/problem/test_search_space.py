@@ -125,6 +125,13 @@ def test_more_seeds_than_photographs_are_refused() -> None:
         space.fitted(preset("campaign"))
 
 
+def test_beginnings_with_more_seeds_than_photographs_are_left_out_and_the_space_is_read_again() -> None:
+    space = space_from_dict(parse_yaml(EQUAL + "begin: [{seeds: 28}, {seeds: 16}]", "my.yaml"), "my.yaml")
+    fitted = space.fitted(preset("campaign").with_values({"photographs": 20, "seeds": 16}))
+    assert fitted.begin == ({"seeds": 16},)
+    assert space_from_dict(fitted.to_dict(), "campaign.yaml") == fitted
+
+
 def test_no_more_seeds_than_photographs_are_drawn() -> None:
     """Where the number of photographs is searched, too, or is the space's own; with all of them seeds nothing is planned."""
     space = load_search_space("photographs").fitted(preset("campaign"))
