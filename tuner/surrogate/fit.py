@@ -59,6 +59,7 @@ VARIANCE = (2.0, 1.0)  # of f
 INSTANCE_VARIANCE = (1.0, 1.0)
 # Wider still: measured blocks differ by anything from nothing to several times what parameters do.
 BLOCK_VARIANCE = (0.3, 1.5)
+SPARSE_TAU = 1.0  # of 0.001 to 1: the most likely from 100 missions on, and as good with fewer
 TREND_VARIANCE = (2.0, 1.0)
 NOISE_VARIANCE, MIN_NOISE_VARIANCE = (0.2, 1.0), 1e-4
 
@@ -105,19 +106,19 @@ def mission_kernel(
     categorical: Sequence[int],
     *,
     blocks: bool,
-    tau: float | None,
+    sparse: bool,
 ) -> Kernel:
     """Return the covariance k of two missions, as the equation above has it, with its priors.
 
     ``ordered`` and ``categorical`` are the columns of parameters. ``blocks``: whether the sum has the term
-    with c^2; ``tau``: with t^2, and the length scales have a `SparseLengthPrior`.
+    with c^2; ``sparse``: with t^2, and the length scales have a `SparseLengthPrior`.
     """
-    f, instance_column = _landscape(ordered, categorical, tau), len(ordered) + len(categorical)
+    f, instance_column = _landscape(ordered, categorical, sparse=sparse), len(ordered) + len(categorical)
     instance = SharedLevel(active_dims=[instance_column])
     kernel = _scaled(f, *VARIANCE) + _scaled(instance, *INSTANCE_VARIANCE)
     if blocks:
         kernel = kernel + _scaled(SharedLevel(active_dims=[instance_column + 1]), *BLOCK_VARIANCE)
-    if tau is not None:
+    if sparse:
         prior, mode = log_normal(*TREND_VARIANCE)
         constraint = _between(1 / _LARGEST, mode)
         kernel = kernel + Trend(
@@ -128,15 +129,15 @@ def mission_kernel(
 
 def landscape_kernel(ordered: Sequence[int], categorical: Sequence[int]) -> Kernel:
     """Return s^2 m alone, with its priors."""
-    return _scaled(_landscape(ordered, categorical, None), *VARIANCE)
+    return _scaled(_landscape(ordered, categorical, sparse=False), *VARIANCE)
 
 
-def _landscape(ordered: Sequence[int], categorical: Sequence[int], tau: float | None) -> Kernel:
+def _landscape(ordered: Sequence[int], categorical: Sequence[int], *, sparse: bool) -> Kernel:
     factors: list[Kernel] = []
     if ordered:
         prior, mode = log_normal(max(LENGTH_LEAST, LENGTH_MEDIAN * math.sqrt(len(ordered))), LENGTH_SPREAD)
-        if tau is not None:
-            prior, mode = SparseLengthPrior(tau), tau**-0.5
+        if sparse:
+            prior, mode = SparseLengthPrior(SPARSE_TAU), SPARSE_TAU**-0.5
         factors.append(
             MaternKernel(
                 nu=2.5,
@@ -262,18 +263,8 @@ _ROWS = 4096  # worked on at once
 _LEAST_SD = 0.1  # a label apart is 2: nothing is certain
 
 
-def fitted(kernels: Sequence[Kernel], x: torch.Tensor, y: torch.Tensor) -> SingleTaskGP:
-    """Return the model with the kernel, of those given, whose fit has the largest posterior density.
-
-    ``x`` (n, d + 2) and ``y`` (n, 1).
-    """
-    models = [_fitted(kernel, x, y) for kernel in kernels]
-    model, _ = max(models, key=lambda pair: pair[1])
-    return model.requires_grad_(False)
-
-
-def _fitted(kernel: Kernel, x: torch.Tensor, y: torch.Tensor) -> tuple[SingleTaskGP, float]:
-    """Return a fitted model and its log posterior density."""
+def fitted(kernel: Kernel, x: torch.Tensor, y: torch.Tensor) -> SingleTaskGP:
+    """Return the model with the most likely hyperparameters; ``x`` (n, d + 2) and ``y`` (n, 1)."""
     prior, mode = log_normal(*NOISE_VARIANCE)
     likelihood = GaussianLikelihood(
         noise_prior=prior,
@@ -294,11 +285,8 @@ def _fitted(kernel: Kernel, x: torch.Tensor, y: torch.Tensor) -> tuple[SingleTas
             )
         except ModelFittingError:  # a campaign goes on by its priors
             model.load_state_dict(begin)
-    mll.train()
-    with torch.no_grad():
-        density = float(mll(model(x), model.train_targets)) * len(x)
     model.eval()
-    return model, density
+    return model.requires_grad_(False)
 
 
 def fitted_subset(count: int) -> Ints:
@@ -353,7 +341,7 @@ class Feasibility:
         chosen = fitted_subset(len(x))
         with numerics(), torch.enable_grad():  # whoever asks first
             kernel = landscape_kernel(ordered, space.categorical_dimensions)
-            self._model = fitted([kernel], x[chosen], y[chosen])
+            self._model = fitted(kernel, x[chosen], y[chosen])
 
     def log_chance(self, unit: torch.Tensor) -> torch.Tensor:
         """Return (...,) logarithm of the probability that a mission ends well, at (..., d) unit positions; differentiable."""

@@ -47,8 +47,6 @@ from tuner.surrogate.fit import (
     with_promising,
 )
 
-SPARSE_TAUS = (1e-3, 1e-2, 1e-1, 1.0)
-
 
 def moments(posterior: Any) -> tuple[Floats, Floats]:
     """Return ``(mean, covariance)`` of a joint posterior, (m,) and (m, m)."""
@@ -103,12 +101,11 @@ class InstanceMeanGP:
         ordered = [i for i in range(space.dimension) if i not in space.categorical_dimensions]
         if sparse is None:
             sparse = space.dimension >= MANY_PARAMETERS
-        taus: Sequence[float | None] = SPARSE_TAUS if sparse and ordered else (None,)
         with numerics():
-            kernels = [
-                mission_kernel(ordered, space.categorical_dimensions, blocks=blocks, tau=tau) for tau in taus
-            ]
-            self._fitted = fitted(kernels, x[self.fitted_to], y[self.fitted_to])
+            kernel = mission_kernel(
+                ordered, space.categorical_dimensions, blocks=blocks, sparse=sparse and bool(ordered)
+            )
+            self._fitted = fitted(kernel, x[self.fitted_to], y[self.fitted_to])
             self.model = self._fitted if len(self.fitted_to) == len(x) else with_promising(self._fitted, x, y)
 
     @functools.cached_property
