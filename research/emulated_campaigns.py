@@ -2,6 +2,7 @@
 
     python -m research.emulated_campaigns docs/results/data/plan_and_gate_trials.csv --seeds 16 --many 16 14
     python -m research.emulated_campaigns trials.csv --collect runs/tune runs/tune-1     # the emulator's data, from campaigns
+    python -m research.emulated_campaigns trials.csv --geometric     # how geometric missions rank these, target by target
 
 The emulator is a forest of extremely randomised trees (Geurts et al. 2006) over the trials of real campaigns: a target's mean and
 what seeds, ring and weights add to it. Weights of a scorer that chooses no view have no effect in it, nor have thresholds beyond the
@@ -20,8 +21,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.stats import spearmanr
 from sklearn.ensemble import ExtraTreesRegressor
 
+from nbv.geometric import run_geometric_mission
 from nbv.types import Floats
 from research import read_rows, write_rows
 from tuner.campaign.campaign import Campaign
@@ -155,6 +158,16 @@ def read(file: Path) -> list[tuple[dict[str, Any], str, float]]:
     ]
 
 
+def rank_without_photographs(trials: Sequence[tuple[dict[str, Any], str, float]]) -> None:
+    """Print the rank correlation of geometric missions with distinct real ones by target; one that fails is an error."""
+    s = resolved_settings({**QUICK, "name": "emulated", "compare_on": []}, "emulated")
+    for rock in ROCKS:
+        distinct = {tuple(values.items()): y for values, target, y in trials if target == rock}
+        configs = [s.problem.config(dict(values), s.conditions[0].name) for values in distinct]
+        scores = [run_geometric_mission(config, rock).metric("observable.f_score_48mm") for config in configs]
+        print(f"{rock}: {len(scores)} missions, {spearmanr(scores, list(distinct.values()))[0]:.2f}")
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
     parser.add_argument("file", type=Path)
@@ -164,10 +177,14 @@ def main() -> None:
     parser.add_argument(
         "--many", type=int, nargs="*", default=[surrogate.MANY_PARAMETERS], help="values of MANY_PARAMETERS"
     )
+    parser.add_argument("--geometric", action="store_true", help="rank correlation of geometric missions")
     parser.add_argument("--inside", action="store_true", help="best weights inside their ranges")
     asked = parser.parse_args()
     if asked.collect:
         collect(asked.collect, asked.file)
+        return
+    if asked.geometric:
+        rank_without_photographs(read(asked.file))
         return
     emulator = Emulator(read(asked.file), inside=asked.inside)
     print(f"{emulator.trials} distinct missions, R2 out of bag {emulator.r2:.2f}")

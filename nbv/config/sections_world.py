@@ -58,11 +58,6 @@ class SceneConfig(Section):
         "standard deviation of shot noise at full scale",
         reason="the simulator has none",
     )
-    match_angle_deg: Annotated[float, Meta(gt=0, le=180)] = not_in_paper(
-        180.0,
-        "angle between lines of sight above which they do not match; geometric missions only",
-        reason="at 45 even rings register as those of a stone figure do (docs/results/index.md)",
-    )
 
     def __post_init__(self) -> None:
         super().__post_init__()

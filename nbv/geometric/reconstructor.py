@@ -45,9 +45,9 @@ class GeometricReconstructor(Reconstructor):
     (rock, replicate, landmark): nothing depends on the order in which viewpoints are visited. The cameras
     are known exactly, so the alignment residual is 0.
 
-    A photograph registers if it matches ``sparse.min_inliers`` landmarks of the model. Where ``scene.match_angle_deg`` limits
-    matching, only landmarks of two registered photographs count, as COLMAP's points do. Photographs that did not register are
-    tried again after every update.
+    A photograph registers if it matches ``sparse.min_inliers`` landmarks of the model; those that did not are tried again after
+    every update. A view has a hundred of the landmarks that stand for thousands of features: to ask for points, as COLMAP does,
+    is too much, since rendered photographs of such plans register.
     """
 
     def __init__(
@@ -72,9 +72,6 @@ class GeometricReconstructor(Reconstructor):
             self._draws_depth,
             config.dense,
         )
-        # A view has a hundred of the landmarks that stand for thousands of features: to ask for points is too much where
-        # nothing limits the angle, since rendered photographs of such plans register.
-        self._by_points = config.scene.match_angle_deg < 180.0
         self._tracks: Tracks | None = None
         self._captures: list[Capture] = []  # registered
         self._waiting: list[Capture] = []  # tried again after every photograph that is
@@ -110,12 +107,10 @@ class GeometricReconstructor(Reconstructor):
                 f"only {held} of {len(captures)} seeds are held together by what SIFT matches; take them closer "
                 "together, or set sparse.ground_features",
             )
-        if self._by_points:
-            joined = self._grown_seed(captures, every)
-        else:  # a seed takes part if it shares landmarks with the others, whichever came first
-            _, _, views = every.points(2)
-            shared = np.bincount(views, minlength=len(captures))
-            joined = [capture for capture, n in zip(captures, shared, strict=True) if n >= sparse.min_inliers]
+        # A seed takes part if it shares landmarks with the others, whichever came first.
+        _, _, views = every.points(2)
+        shared = np.bincount(views, minlength=len(captures))
+        joined = [capture for capture, n in zip(captures, shared, strict=True) if n >= sparse.min_inliers]
         if len(joined) < sparse.min_registered_seeds:
             raise MissionFailure(
                 "seed_model_failed",
@@ -128,17 +123,6 @@ class GeometricReconstructor(Reconstructor):
         report = UpdateReport(self._model(), True, f"{len(joined)} of {len(captures)} seeds registered")
         return self._tracks, self._captures, self._waiting, report
 
-    def _grown_seed(self, captures: Sequence[Capture], every: Tracks) -> list[Capture]:
-        """The seeds that register one after another, from the first or from the pair that shares most."""
-        self._tracks = Tracks(self._landmarks.cosine_limit, len(captures))
-        joined, waiting = self._grow(captures)
-        if not waiting:
-            return joined
-        pair = divmod(int(every.shared().argmax()), len(captures))
-        self._tracks = Tracks(self._landmarks.cosine_limit, len(captures))
-        first, rest = (captures[i] for i in pair), (c for i, c in enumerate(captures) if i not in pair)
-        return self._grow([*first, *rest])[0]
-
     def _every_track(self, captures: Sequence[Capture]) -> Tracks:
         """Of photographs in this order, whichever match."""
         tracks = Tracks(self._landmarks.cosine_limit, len(captures))
@@ -150,12 +134,11 @@ class GeometricReconstructor(Reconstructor):
         """Register whichever match enough points of the model, each opening the way for others: these, and those left."""
         assert self._tracks is not None, "bootstrap comes first"
         joined, waiting, progress = list[Capture](), list(captures), True
-        point_views = 2 if self._by_points else 1
         while progress:
             progress = False
             for capture in tuple(waiting):
                 needed = self._config.sparse.min_inliers if self._tracks.n_views else 0
-                if self._tracks.add(*self._detect(capture), needed, point_views) >= needed:
+                if self._tracks.add(*self._detect(capture), needed) >= needed:
                     joined.append(capture)
                     waiting = [c for c in waiting if c is not capture]
                     progress = True

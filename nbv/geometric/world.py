@@ -75,7 +75,7 @@ class Landmarks:
         limit_deg = low + (high - low) * reach**2
         if config.sparse.ground_features:
             limit_deg = np.where(on_rock, limit_deg, 180.0)
-        limit_deg = np.minimum(limit_deg, min(config.sparse.max_pair_angle_deg, config.scene.match_angle_deg))
+        limit_deg = np.minimum(limit_deg, config.sparse.max_pair_angle_deg)
         far = np.arange(n) >= world.n_near
         # (L,) chance of a detection face on, and the cosine of the incidence beyond which nothing is detected.
         self._quality = rate * contrast / (contrast + HALF_CONTRAST)
@@ -132,13 +132,10 @@ class Tracks:
         other._labels[:, :n] = self._labels[:, :n]
         return other
 
-    def add(
-        self, landmarks: Ints, directions: NDArray[np.floating], needed: int = 0, point_views: int = 1
-    ) -> int:
+    def add(self, landmarks: Ints, directions: NDArray[np.floating], needed: int = 0) -> int:
         """Add a view: the landmarks (K,) that it detects, and unit directions (K, 3) from them to the camera.
 
-        Returns its matches, detections that match one of a point; a point takes ``point_views`` views, once there are as many. A
-        view with fewer matches than ``needed`` is not added.
+        Returns its matches, detections that match an earlier one. A view with fewer than ``needed`` is not added.
         """
         m, capacity = self.n_views, self._labels.shape[1]
         here = directions.astype(np.float32, copy=False)
@@ -152,8 +149,7 @@ class Tracks:
         linked = cosine >= self._cosine_limit[landmarks][new]
         joined = np.zeros((m + 1, len(landmarks)), dtype=bool)  # [track, new detection]; row m stays False
         joined[track[linked], new[linked]] = True
-        lengths = np.bincount(track * len(landmarks) + new, minlength=joined.size).reshape(joined.shape)
-        matches = int((joined & (lengths >= min(point_views, m))).any(axis=0).sum())
+        matches = int(joined.any(axis=0).sum())
         if matches < needed:
             return matches
         self.n_views = m + 1

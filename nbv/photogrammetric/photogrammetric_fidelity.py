@@ -73,7 +73,6 @@ class PhotogrammetricFidelity(CloudFidelity):
     """Rendered photographs, structure from motion, dense stereo."""
 
     name = "photogrammetric"
-    unnoticed = ("scene.match_angle_deg",)
     evaluation_code = "nbv.evaluation"
 
     def __init__(self, context: MissionContext) -> None:

@@ -130,7 +130,7 @@ _GEOMETRIC = MissionKind(
     note="Geometric missions are a low-fidelity simulation: the loop, scorers, gates and flight are the same, feature tracks are "
     "simulated, and no photograph is rendered. Completeness is predicted, accuracy is set to 100 %, and distances are not "
     "computed. Parameters of features, matching and the ground-truth gate have no effect, nor have conditions of sensor, "
-    "telemetry and target, nor of the scene but for its sun and match_angle_deg.",
+    "telemetry and target, nor of the scene but for its sun.",
     loads=("open3d",),
 )
 BUILT_IN = {

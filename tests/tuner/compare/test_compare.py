@@ -216,7 +216,7 @@ def test_rocks_run_under_the_conditions_asked_for(gatetune, tmp_path):
     assert EvaluationPlan.load(tmp_path / "all").instances == (Instance("slab"), Instance("slab", "indoors"))
     rows = list(csv.DictReader((tmp_path / "all/targets.csv").open()))
     scores = {row["target"]: float(row["f_score_percent"]) for row in rows}
-    assert scores["slab, indoors"] == 0.0 < 60.0 < scores["slab"], "there 16 on a ring do not register"
+    assert 60.0 < scores["slab, indoors"] != scores["slab"] > 60.0, "it has another sun"
 
 
 def test_over_photographs_every_number_is_a_mission(gatetune, tmp_path, monkeypatch):
