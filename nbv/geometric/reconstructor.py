@@ -130,23 +130,19 @@ class GeometricReconstructor(Reconstructor):
             tracks.add(*self._detect(capture))
         return tracks
 
-    def _grow(self, captures: Sequence[Capture]) -> tuple[list[Capture], list[Capture]]:
-        """Register whichever match enough points of the model, each opening the way for others: these, and those left."""
-        assert self._tracks is not None, "bootstrap comes first"
-        joined, waiting, progress = list[Capture](), list(captures), True
-        while progress:
-            progress = False
-            for capture in tuple(waiting):
-                needed = self._config.sparse.min_inliers if self._tracks.n_views else 0
-                if self._tracks.add(*self._detect(capture), needed) >= needed:
-                    joined.append(capture)
-                    waiting = [c for c in waiting if c is not capture]
-                    progress = True
-        return joined, waiting
-
     def add(self, capture: Capture) -> UpdateReport:
-        """One more view, and another try for those that are out: whichever match too few points of the model."""
-        joined, self._waiting = self._grow([capture, *self._waiting])
+        """One more view, and another try for those that are out: whichever match too few landmarks of the model."""
+        assert self._tracks is not None, "bootstrap comes first"
+        joined, waiting, progress = list[Capture](), [capture, *self._waiting], True
+        needed = self._config.sparse.min_inliers
+        while progress:  # each that registers opens the way for others
+            progress = False
+            for other in tuple(waiting):
+                if self._tracks.add(*self._detect(other), needed) >= needed:
+                    joined.append(other)
+                    waiting = [c for c in waiting if c is not other]
+                    progress = True
+        self._waiting = waiting
         self._captures += joined
         registered = any(c is capture for c in joined)
         late = [c.name for c in joined if c is not capture]
