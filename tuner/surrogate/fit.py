@@ -111,14 +111,14 @@ def mission_kernel(
     """Return the covariance k of two missions, as the equation above has it, with its priors.
 
     ``ordered`` and ``categorical`` are the columns of parameters. ``blocks``: whether the sum has the term
-    with c^2; ``sparse``: with t^2, and the length scales have a `SparseLengthPrior`.
+    with c^2; ``sparse``: with t^2, and the length scales have a `SparseLengthPrior`, where parameters are ordered.
     """
     f, instance_column = _landscape(ordered, categorical, sparse=sparse), len(ordered) + len(categorical)
     instance = SharedLevel(active_dims=[instance_column])
     kernel = _scaled(f, *VARIANCE) + _scaled(instance, *INSTANCE_VARIANCE)
     if blocks:
         kernel = kernel + _scaled(SharedLevel(active_dims=[instance_column + 1]), *BLOCK_VARIANCE)
-    if sparse:
+    if sparse and ordered:
         prior, mode = log_normal(*TREND_VARIANCE)
         constraint = _between(1 / _LARGEST, mode)
         kernel = kernel + Trend(

@@ -102,9 +102,7 @@ class InstanceMeanGP:
         if sparse is None:
             sparse = space.dimension >= MANY_PARAMETERS
         with numerics():
-            kernel = mission_kernel(
-                ordered, space.categorical_dimensions, blocks=blocks, sparse=sparse and bool(ordered)
-            )
+            kernel = mission_kernel(ordered, space.categorical_dimensions, blocks=blocks, sparse=sparse)
             self._fitted = fitted(kernel, x[self.fitted_to], y[self.fitted_to])
             self.model = self._fitted if len(self.fitted_to) == len(x) else with_promising(self._fitted, x, y)
 
