@@ -108,7 +108,7 @@ def _presets_table() -> list[str]:
     lines = ["## Presets", "", "|preset|purpose|differs from `paper` in|", "|-|-|-|"]
     for name, preset in PRESETS.items():
         sections: dict[str, list[str]] = {}
-        base = PRESETS["campaign"].values if name == "photographs" else {}
+        base = PRESETS["campaign"].values if name in ("photographs", "campaign-reduced") else {}
         for path, value in preset.values.items():
             section, _, field = path.rpartition(".")
             if base.get(path) != value:

@@ -11,7 +11,7 @@ from nbv.config.mission_config import MissionConfig
 from nbv.errors import UserError
 
 # Work left out that the outcome does not show (docs/results/index.md).
-REDUCED_SFM: dict[str, Any] = {
+_REDUCED_SFM: dict[str, Any] = {
     "sparse.max_pairs": 8,
     "sparse.max_pair_angle_deg": 130.0,
     "sparse.min_ransac_trials": 30,  # nine matches of ten are right; where fewer are, COLMAP goes on by itself
@@ -21,6 +21,10 @@ REDUCED_SFM: dict[str, Any] = {
     "sparse.local_ba_iterations": 2,
     "sparse.global_ba_iterations": 1,
     "sparse.update_pairs": "near",
+}
+# Not in a dim hall: where the sparse model has few points, the cloud ends with them.
+_REDUCED: dict[str, Any] = {
+    **_REDUCED_SFM,
     "dense.min_baseline_angle_deg": 40.0,
     "dense.search": "sparse",
 }
@@ -28,7 +32,7 @@ REDUCED_SFM: dict[str, Any] = {
 # Work is left out that scores do not show; photographs of 1280 px take the dense stage ten times as long, and fewer of their
 # depths agree: they are not sharp to a pixel; and six views of 24 to 32 seldom see one place (docs/results/index.md).
 PHOTOGRAPH_SET_DEFAULTS: dict[str, Any] = {
-    **REDUCED_SFM,
+    **_REDUCED,
     "sparse.max_features": 2048,
     "sparse.min_registered_seeds": 3,  # that a model can be aligned by: photographs that do not register are an outcome
     "dense.max_size_px": 480,
@@ -71,7 +75,7 @@ class Preset:
 
 PRESETS = {
     "paper": Preset("the paper's text; every pair of photographs is matched", "text"),
-    "paper-reduced": Preset("the same missions with reduced SfM, for speed", "gatetune", REDUCED_SFM),
+    "paper-reduced": Preset("the same missions with reduced SfM, for speed", "gatetune", _REDUCED),
     "paper-code": Preset(
         "what the authors' public code executes where it departs from the text",
         "code",
@@ -81,6 +85,11 @@ PRESETS = {
         "for tuning: few captures and strict agreement, so that configurations can be told apart",
         "gatetune",
         _CAMPAIGN,
+    ),
+    "campaign-reduced": Preset(
+        "`campaign` with reduced SfM, for speed: the missions of `make tune`",
+        "gatetune",
+        {**_CAMPAIGN, **_REDUCED_SFM},
     ),
     "photographs": Preset(
         "`campaign` for sets of photographs, where it is the default",

@@ -302,9 +302,10 @@ class CampaignSettings(Section):
 
     @functools.cached_property
     def _arms(self) -> tuple[Proposal, ...]:
-        """The missions that come first: the default and the baselines on the same blocks, block by block.
+        """The missions that come first: the default, then each baseline, on the same blocks.
 
-        Blocks are all instances with one replicate, then with the next, as far as a quarter of the budget goes.
+        Blocks are all instances with one replicate, then with the next, as far as a quarter of the budget goes. Workers are on
+        different targets so: of one target each makes again what the other is making.
         """
         problem = self.problem
         (default,) = (name for name, values in problem.arms.items() if values == problem.default)
@@ -324,7 +325,7 @@ class CampaignSettings(Section):
             on = block if len(names) > 1 else (None, None)  # one alone takes blocks in turn
             return Proposal(dict(problem.arms[name]), metadata, *on)
 
-        return tuple(proposal(name, block) for block in blocks for name in names)[: self.budget]
+        return tuple(proposal(name, block) for name in names for block in blocks)[: self.budget]
 
     def initial_size(self) -> int:
         """Missions of the initial design, those of the plain plans included."""

@@ -30,6 +30,7 @@ QUICK: dict[str, Any] = {
     "rocks": ["slab", "part-1", "vesicular", "lever-0", "cavern", "figure-0"],
     "replicates": 1,
     "conditions": ["indoors"],
+    "preset": "campaign-reduced",
     "overrides": {
         "photographs": 20,
         "seeds": 12,

@@ -134,11 +134,14 @@ class EvaluationPlan:
                 raise UserError(f"strategy {name} cannot run under {condition.name}: {error}") from error
 
     def jobs(self, directory: Path) -> list[MissionJob]:
-        """One job per distinct mission: replicates outermost, so that partial results are balanced."""
+        """One job per distinct mission: replicates outermost, so that partial results are balanced.
+
+        Instances innermost: workers on one target would each make again what the other is making.
+        """
         owners = dict.fromkeys(self.owners.values())
         return [
             self._job(directory, name, instance, k)
-            for k, instance, name in itertools.product(self._replicates, self.instances, owners)
+            for k, name, instance in itertools.product(self._replicates, owners, self.instances)
         ]
 
     @functools.cached_property
