@@ -63,15 +63,20 @@ _FIELDS = ("rock", "plan", "row", "card_s", "f_score_48mm", "f_score_16mm", "acc
 
 
 def config_of(plan: str) -> Any:
-    """What ``make tune`` would run: ``hyb_h`` with 12 seeds and 8 views, else a plan of `research.orbit_elevations`."""
+    """What ``make tune`` would run: ``hyb_h`` and ``predicted`` with 12 seeds and 8 views, the latter on a ring; else an orbit."""
     from nbv.config import load_conditions, preset, under
-    from research import orbit_elevations
     from tuner.campaign.settings_file import QUICK
-    from tuner.problem.baselines import BASELINES
+    from tuner.problem.baselines import BASELINES, ONE_RING
 
+    base, (kind, _, elevation) = preset("campaign").with_values(QUICK["overrides"]), plan.partition("_")
+    config = base.with_values(BASELINES["hyb-h"].values)
     if plan != "hyb_h":
-        return orbit_elevations.config_of(plan.replace("_", " "))
-    config = preset("campaign").with_values({**QUICK["overrides"], **BASELINES["hyb-h"].values})
+        ring = {**ONE_RING, "seed.lowest_deg": float(elevation), "sparse.min_registered_seeds": 6}
+        config = BASELINES["orbit"].orbit(base, 20 if kind == "orbit" else 12).with_values(ring)
+    if kind == "predicted":
+        config = config.with_values(
+            {**BASELINES["predicted"].values, "gate.kind": kind, "photographs": base.photographs}
+        )
     return under(config, load_conditions(["indoors"])[0])
 
 

@@ -2,13 +2,14 @@
 
     python -m research.predict_completeness fit --rocks 6
     python -m research.predict_completeness shapes kept --out shapes.csv
-    python -m research.predict_completeness photographs
+    python -m research.predict_completeness gains part-20001 head-20000 --out gains.csv
 
 States of geometric missions: orbits, and plans on their way. The sparse model gives the prediction, the simulator the
 completeness at 48 mm of the observable surface. ``fit`` runs rocks of training seeds of all families and the shapes that may
 be fitted to, prints what is to be put into `nbv.scorers.prediction.Calibration` by hand, and predicts every rock by a fit
-without it. ``--rocks`` counts seeds of each family. ``shapes`` predicts the shapes of `research.other_shapes`; ``photographs``
-predicts missions with photographs. A failed mission is left out.
+without it. ``--rocks`` counts seeds of each family. ``shapes`` predicts the shapes of `research.other_shapes`. ``gains`` flies
+missions with photographs in `indoors`, and compares what *predicted* promises of each with what the dense cloud gets by it. A failed
+mission is left out.
 """
 
 from __future__ import annotations
@@ -24,19 +25,22 @@ from scipy.optimize import least_squares
 from scipy.stats import spearmanr
 
 from nbv.config import MissionConfig, load_condition, under
+from nbv.dense.reconstruct import dense_cloud
+from nbv.evaluation import evaluate_cloud
 from nbv.geometric.completeness import predicted_metrics
+from nbv.rocks import load_rock
 from nbv.rocks.families import EVERY
 from nbv.scorers.prediction import LEAST_UNKNOWN, Calibration, predict
 from nbv.types import Floats, SparseModel
 from research import write_rows
 from research.adaptive_plans import base, rocks_of, run_missions
 from research.other_shapes import KEPT, LATER, SEEN
+from research.planned_photographs import plans
 
 NEVER = {
     "stop.criterion": "predicted",
     "stop.predicted_percent": 100.0,
 }  # stops a mission, but depth is asked for
-PHOTOGRAPHED = ("machine-0", "plates-0", "limbs-0", "handle-0", "boulder", "breccia", "cavern", "waist")
 BOOTSTRAP = 1000
 TWO_RINGS = {"seed.upper_share": 0.36, "seed.span_deg": 25.0}
 PLANS: dict[str, dict[str, Any]] = {
@@ -49,6 +53,10 @@ PLANS: dict[str, dict[str, Any]] = {
 ARMS = {"random": {**PLANS["adaptive"], "gate.kind": "random"}}  # to compare with
 ON_THE_WAY = (12, 16, 20, 24, 28, 32, 40, 48)
 HEAD = ("rock", "plan", "photographs", "completeness", "mean_chance", "unknown", "predicted")
+TEN_SEEDS, GAINS_HEAD = (
+    "10 seeds on the paper's rings, by *predicted*",
+    ("shape", "photograph", "promised", "got"),
+)
 TOLD_FROM = 16
 BELOW = 0.25  # share of the states with less than is said
 SETS = {"seen": SEEN, "kept": KEPT, "later": LATER}
@@ -81,17 +89,46 @@ def states(rock: str) -> list[dict[str, Any]]:
     return rows
 
 
-def by_photographs(rock: str, condition: str, plan: str) -> None:
-    """Print the F-score of a mission with photographs, and what was predicted of it."""
-    told = [0.0]
+def gains(shape: str, photographs: int = 24) -> list[dict[str, Any]]:
+    """Of each planned photograph of a mission from ten seeds what it promises, and what the completeness at 48 mm gains by it."""
+    config = under(base(**plans(photographs)[TEN_SEEDS]), load_condition("indoors"))
+    rock, rows, before = load_rock(shape), list[dict[str, Any]](), list[Any]()
 
-    def look(_: Any, model: SparseModel, believed: MissionConfig) -> None:
-        told[0] = predict(model, believed).f_score_percent
+    def look(reconstructor: Any, model: SparseModel, believed: MissionConfig) -> None:
+        cloud = dense_cloud(reconstructor._views(reconstructor._mapped()))
+        got = evaluate_cloud(cloud, rock, config).metrics["observable"]["completeness_48mm"] / 100.0
+        number = len(model.camera_names)
+        if before:
+            made, had = before
+            promised = made.expected_gain(model.camera_centers_m[-1:])[0] * (1.0 - made.matched).mean()
+            values = shape, number, f"{promised:.4f}", f"{got - had:.4f}"
+            rows.append(dict(zip(GAINS_HEAD, values, strict=True)))
+        before[:] = predict(model, believed), got
 
-    config = under(base(**PLANS[plan], **NEVER), load_condition(condition))
-    result = run_missions(config, rock, "photogrammetric", listen=look).result
-    score = result.metric("observable.f_score_48mm")
-    print(f"{condition} {rock} {plan}: {told[0]:.1f} predicted, {score:.1f}", flush=True)
+    run_missions(config, shape, "photogrammetric", listen=look)
+    return rows
+
+
+def report_gains(rows: list[dict[str, Any]]) -> list[str]:
+    """Rank correlation over the photographs of each shape, and of the mere order; means by what was promised, in points."""
+    promised, got = 100.0 * column(rows, "promised"), 100.0 * column(rows, "got")
+    of = np.array([row["shape"] for row in rows])
+    lines, both = list[str](), list[tuple[float, float]]()
+    for shape in dict.fromkeys(of):
+        p, g = promised[of == shape], got[of == shape]
+        both.append((spearmanr(p, g).statistic, spearmanr(-np.arange(len(g)), g).statistic))
+        lines.append(
+            f"{shape}: rank correlation {both[-1][0]:.2f}, promised {p.sum():.1f}, got {g.sum():.1f}"
+        )
+    lines.append("mean rank correlation {:.2f}; of the order alone {:.2f}".format(*np.mean(both, axis=0)))
+    for low, high in itertools.pairwise((0.0, 1.0, 2.0, 4.0, 100.0)):
+        part = (promised >= low) & (promised < high)
+        if not part.any():
+            continue
+        lines.append(
+            f"{part.sum()} promise {low:g} to {high:g}: {promised[part].mean():.1f}, got {got[part].mean():.1f}"
+        )
+    return lines
 
 
 def column(rows: list[dict[str, Any]], name: str) -> Floats:
@@ -167,20 +204,21 @@ def too_high(rows: list[dict[str, Any]]) -> list[str]:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
-    parser.add_argument("what", choices=("fit", "shapes", "photographs"))
-    parser.add_argument("which", nargs="?", choices=SETS, default="kept")
+    parser.add_argument("what", choices=("fit", "shapes", "gains"))
+    parser.add_argument("which", nargs="*", help="shapes: one of seen, kept, later; gains: names")
     parser.add_argument("--rocks", type=int, default=6, help="seeds of each family")
     parser.add_argument("--out", type=Path, help="CSV of the states")
     arguments = parser.parse_args()
-    if arguments.what == "photographs":
-        for rock, condition in itertools.product(PHOTOGRAPHED, ("ideal", "indoors")):
-            for plan in ("orbit-16", "two-rings-24"):
-                by_photographs(rock, condition, plan)
+    if arguments.what == "gains":
+        rows = [row for shape in arguments.which for row in gains(shape)]
+        print("\n".join(report_gains(rows)))
+        if arguments.out is not None:
+            write_rows(arguments.out, GAINS_HEAD, rows)
         return
     if arguments.what == "fit":
         names = [*rocks_of("train", arguments.rocks, 0, EVERY), *(make.__name__ for make in SEEN)]
     else:
-        names = [make.__name__ for make in SETS[arguments.which]]
+        names = [make.__name__ for which in arguments.which or ["kept"] for make in SETS[which]]
     rows = [row for name in names for row in states(name)]
     if arguments.what == "fit":
         print(Calibration(*(round(float(w), 2) for w in fit(rows))))
