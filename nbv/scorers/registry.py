@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from nbv.cache import Recent, digest
 from nbv.config import SCORERS, BAwareConfig, MissionConfig
 from nbv.geometry.visibility import neighbour_distances
 from nbv.scorers.prediction import Prediction, predict
@@ -113,10 +114,22 @@ B_AWARE = Scorer("b-aware", repair_share, weights=lambda config: config.b_aware.
 # Predicted: how much of what the dense cloud will lack a candidate reconstructs, for each photograph. It is not in the paper.
 
 
+# Whether a value has an effect is tried by missions that come to the same states again and again.
+_KNOWN_GAINS: Recent[Floats] = Recent(256)
+
+
 def expected_gain_share(terms: SharedTerms, pool: CandidatePool, config: MissionConfig) -> Floats:
     """(C,) share of what will be missing that a photograph from each candidate reconstructs."""
-    prediction = terms.prediction or predict(terms.model, config)
-    return prediction.expected_gain(pool.positions_m, terms.left)
+    model = terms.model
+    arrays = model.points_m, model.track_offsets, model.track_cameras, model.depth_m, model.depth_cameras
+    read = [config.target_m, config.target, config.dense, config.camera]  # of the configuration
+    key = digest(*arrays, model.camera_centers_m, pool.positions_m, *read, terms.left)
+
+    def make() -> Floats:
+        prediction = terms.prediction or predict(model, config)
+        return prediction.expected_gain(pool.positions_m, terms.left)
+
+    return _KNOWN_GAINS.get(key, make)
 
 
 PREDICTED = Scorer("predicted", expected_gain_share, weights=lambda config: config.predicted.weights)
