@@ -1,6 +1,7 @@
 """What the dense cloud will cover, predicted from the sparse model and coarse depth: closed forms, order, whole missions."""
 
 import dataclasses
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from nbv.config import preset
 from nbv.geometric import run_geometric_mission
 from nbv.scorers import prediction
 from nbv.scorers.prediction import predict
+from nbv.scorers.registry import expected_gain_share
 
 CONFIG = preset("campaign").with_values({"dense.agreeing_views": 3})
 NO_POINTS = np.zeros((0, 3))
@@ -71,6 +73,16 @@ def test_half_an_orbit_covers_its_half_and_the_other_half_mends_most():
     assert expected_gain.min() >= 0.0 and expected_gain.max() <= 1.0
     again = predict(model(np.concatenate([orbit(12, turn_deg=180.0), orbit(12)]), *surface), CONFIG)
     assert again.f_score_percent > made.f_score_percent + 3
+
+
+def test_a_known_gain_is_given_again_only_where_nothing_that_decides_it_differs():
+    seen, pool = model(orbit(12, turn_deg=180.0), *drum(lid=True)), SimpleNamespace(positions_m=orbit(24))
+    changes = ({"dense.max_pair_angle_deg": 14.0}, {"camera.focal_px": 900.0}, {"target_m": (0.2, 0.0, 0.8)})
+    for config in (CONFIG, *map(CONFIG.with_values, changes), CONFIG):
+        for left in (1, 3):
+            terms = SimpleNamespace(model=seen, prediction=None, left=left)
+            fresh = predict(seen, config).expected_gain(pool.positions_m, left)
+            np.testing.assert_array_equal(expected_gain_share(terms, pool, config), fresh)
 
 
 @settings(max_examples=5)
