@@ -53,10 +53,8 @@ PLANS: dict[str, dict[str, Any]] = {
 ARMS = {"random": {**PLANS["adaptive"], "gate.kind": "random"}}  # to compare with
 ON_THE_WAY = (12, 16, 20, 24, 28, 32, 40, 48)
 HEAD = ("rock", "plan", "photographs", "completeness", "mean_chance", "unknown", "predicted")
-TEN_SEEDS, GAINS_HEAD = (
-    "10 seeds on the paper's rings, by *predicted*",
-    ("shape", "photograph", "promised", "got"),
-)
+TEN_SEEDS = "10 seeds on the paper's rings, by *predicted*"
+GAINS_HEAD = ("shape", "photograph", "promised", "got")
 TOLD_FROM = 16
 BELOW = 0.25  # share of the states with less than is said
 SETS = {"seen": SEEN, "kept": KEPT, "later": LATER}
@@ -110,17 +108,19 @@ def gains(shape: str, photographs: int = 24) -> list[dict[str, Any]]:
 
 
 def report_gains(rows: list[dict[str, Any]]) -> list[str]:
-    """Rank correlation over the photographs of each shape, and of the mere order; means by what was promised, in points."""
+    """Means over shapes of rank correlations over photographs, also with the order held fixed; means by what was promised, in points."""
     promised, got = 100.0 * column(rows, "promised"), 100.0 * column(rows, "got")
     of = np.array([row["shape"] for row in rows])
-    lines, both = list[str](), list[tuple[float, float]]()
+    lines, each = list[str](), list[tuple[float, float, float]]()
     for shape in dict.fromkeys(of):
         p, g = promised[of == shape], got[of == shape]
-        both.append((spearmanr(p, g).statistic, spearmanr(-np.arange(len(g)), g).statistic))
-        lines.append(
-            f"{shape}: rank correlation {both[-1][0]:.2f}, promised {p.sum():.1f}, got {g.sum():.1f}"
-        )
-    lines.append("mean rank correlation {:.2f}; of the order alone {:.2f}".format(*np.mean(both, axis=0)))
+        order = -np.arange(len(g))
+        both, p_order, g_order = (spearmanr(*pair).statistic for pair in ((p, g), (p, order), (g, order)))
+        fixed = (both - p_order * g_order) / np.sqrt((1.0 - p_order**2) * (1.0 - g_order**2))
+        each.append((both, g_order, fixed))
+        lines.append(f"{shape}: rank correlation {both:.2f}, promised {p.sum():.1f}, got {g.sum():.1f}")
+    means = "mean rank correlation {:.2f}; of the order alone {:.2f}; with the order held fixed {:.2f}"
+    lines.append(means.format(*np.mean(each, axis=0)))
     for low, high in itertools.pairwise((0.0, 1.0, 2.0, 4.0, 100.0)):
         part = (promised >= low) & (promised < high)
         if not part.any():
@@ -209,6 +209,8 @@ def main() -> None:
     parser.add_argument("--rocks", type=int, default=6, help="seeds of each family")
     parser.add_argument("--out", type=Path, help="CSV of the states")
     arguments = parser.parse_args()
+    if arguments.what == "shapes" and (unknown := {*arguments.which} - {*SETS}):
+        parser.error(f"no set of shapes is called {sorted(unknown)[0]}; there are {', '.join(SETS)}")
     if arguments.what == "gains":
         rows = [row for shape in arguments.which for row in gains(shape)]
         print("\n".join(report_gains(rows)))

@@ -101,6 +101,6 @@ def sample_near_surface(shape: Shape, grid_m: float) -> tuple[Floats32, Floats]:
 
 
 def _by_parts(shape: Shape, points_m: Floats) -> Floats32:
-    """``shape`` at points (N, 3), so few at a time that they stay in the processor's cache: three quarters of the time."""
+    """``shape`` at points (N, 3), so few at a time that they stay in the processor's cache."""
     parts = (points_m[at : at + _PART] for at in range(0, len(points_m), _PART))
     return np.concatenate([shape(part) for part in parts])

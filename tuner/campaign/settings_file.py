@@ -159,6 +159,10 @@ def merged_settings(file: Path | None, given: Mapping[str, Any], *, quick: bool)
     read = read_settings_file(file) if file else {}
     layers = (QUICK if quick else {}, read, given)
     tree = laid_over(*layers)
+    if quick and not laid_over(read, given).get("preset"):
+        # Photographs that were taken have a preset of their own.
+        usual = usual_preset(tree["rocks"], tree.get("fidelity") or DEFAULT_FIDELITY)
+        tree["preset"] = usual if usual == "photographs" else QUICK["preset"]
     overrides = {path: value for layer in layers for path, value in (layer.get("overrides") or {}).items()}
     return {"name": SETTINGS["name"].default, **tree, "overrides": overrides}
 

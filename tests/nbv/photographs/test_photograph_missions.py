@@ -27,6 +27,7 @@ from nbv.photographs.photograph_fidelity import (
 )
 from nbv.rocks import list_rocks, load_rock
 from nbv.types import PointCloud
+from tuner.campaign.settings_file import merged_settings
 from tuner.missions.registry import kind_on, mission_kind, usual_preset
 
 PAPER = preset("campaign")
@@ -147,6 +148,8 @@ def test_a_set_stands_where_a_rock_stands(grey_set: PhotographSet) -> None:
     over_photographs = mission_kind("photographs")
     assert kind_on("ball", "photogrammetric") is kind_on("ball", "geometric") is over_photographs
     assert kind_on("slab", "photogrammetric").photographs == "rendered"
+    for rock, preset_name in (("ball", "photographs"), ("slab", "campaign-reduced")):
+        assert merged_settings(None, {"rocks": [rock]}, quick=True)["preset"] == preset_name
     refused("photographs missions cannot run on slab", kind_on, "slab", "photographs")
 
 
