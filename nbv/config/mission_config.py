@@ -187,9 +187,10 @@ class MissionConfig(Section):
 
     def to_dict(self) -> dict[str, Any]:
         """Plain nested dictionary (tuples become lists), ready for JSON or YAML."""
-        tree = dataclasses.asdict(self)
+        tree = _by_field(self)
         of_plugins = dict(tree.pop(PLUGINS))
-        plain: dict[str, Any] = json.loads(json.dumps({**tree, **of_plugins}))
+        # A campaign asks thousands of times; `dataclasses.asdict`, which copies all values, takes ten times as long.
+        plain: dict[str, Any] = json.loads(json.dumps({**tree, **of_plugins}, default=_by_field))
         return plain
 
     def changed(self, **values: Any) -> MissionConfig:
@@ -218,6 +219,10 @@ class MissionConfig(Section):
         config = config_from_dict(values, self)
         config.require_flyable()
         return config
+
+
+def _by_field(section: Any) -> dict[str, Any]:
+    return {each.name: getattr(section, each.name) for each in dataclasses.fields(section)}
 
 
 def config_from_dict(tree: dict[str, Any], base: MissionConfig | None = None) -> MissionConfig:

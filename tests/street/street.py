@@ -53,7 +53,7 @@ class Street:
     def _quick(self, words: list[str]) -> list[str]:
         """Options that make a command small: those that it knows and that the page does not need to be what they are."""
         known = options(words) - ({"fidelity"} if "resume" in words else set())
-        small = self.small | ({"budget": SMALL["budget"]} if "--learn-from" in words else {})
+        small = SMALL if {"--learn-from", "runs/tune/campaign.yaml"} & set(words) else self.small
         quick = [w for name, value in small.items() if name in known for w in (f"--{name}", value)]
         if "--quick" in words:  # in its dim hall not every mission on every rock succeeds
             quick += ["--compare-on", "arch"]

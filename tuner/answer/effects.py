@@ -11,7 +11,7 @@ from scipy import stats
 
 from nbv.types import Floats
 from tuner.problem.baselines import grouped
-from tuner.problem.observations import Observation, configuration_key, distinct_configurations
+from tuner.problem.observations import Observation, configuration_key
 from tuner.problem.search_space import SEEDS, Parameter, Region, SearchSpace, Values
 from tuner.surrogate.fit import interval_95, posterior_means
 from tuner.surrogate.model import InstanceMeanGP
@@ -139,7 +139,7 @@ def best_configurations(
     sign: float,
 ) -> list[ConfigurationRow]:
     """Return the `TEN` best of what ran in the region by posterior mean, best first; ``sign`` of the objective."""
-    ran = [v for v in distinct_configurations(region.space, model.observations) if region.contains(v)]
+    ran = [values for values in model.configurations if region.contains(values)]
     best = [ran[i] for i in model.best_first(ran)[:TEN]]
     if not best:
         return []

@@ -18,9 +18,6 @@ from tuner.acquisition.propose import propose
 from tuner.problem.observations import (
     Observation,
     Proposal,
-    blocks_evaluated,
-    configuration_key,
-    distinct_configurations,
     next_block,
 )
 from tuner.problem.search_space import Region, Values
@@ -57,30 +54,27 @@ def verification(
     *,
     last: bool = False,
     constraint: Constraint | None = None,
+    favourites: dict[str, Values | None] | None = None,
 ) -> Proposal | None:
     """Return the favourite on a block that it has not run, in an instance that it has run least; None where exploring is worth more.
 
     ``model``: of the objective. ``region``: whose favourite. ``replicates``: per instance, numbered from 0.
     ``expected_gain``: what the best mission of the search promises, objective's unit; infinite where that is
-    not known. ``last``: whether to verify whatever exploring promises.
+    not known. ``last``: whether to verify whatever exploring promises. ``favourites``: those already known by this model, by the
+    names of their regions; this one is entered.
 
     The favourite has the best posterior mean, and exploring is worth more where it promises more than the noise of a mission.
     """
     if expected_gain >= model.noise_sd and not last:
         return None
-    ran = distinct_configurations(model.space, model.observations)
-    configurations = [values for values in ran if region.contains(values)] or ran
-    if constraint is not None:
-        configurations = [
-            v for v, satisfied in zip(configurations, constraint.satisfied(configurations)) if satisfied
-        ]
-        if not configurations:
-            return None
-    if len(configurations) > JOINT:
-        configurations = [configurations[i] for i in model.best_first(configurations)[:TOP]]
-    values = configurations[int(model.posterior(configurations).mean.argmax())]
+    favourites = {} if favourites is None else favourites
+    if region.name not in favourites:
+        favourites[region.name] = favourite_of(model, region, constraint)
+    values = favourites[region.name]
+    if values is None:
+        return None
     missions: list[Observation] = [*history, *pending]
-    evaluated = blocks_evaluated(model.space, missions)[configuration_key(model.space, values)]
+    evaluated = {(mission.instance, mission.replicate) for mission in missions if mission.values == values}
     counts = {
         instance: sum((instance, k) in evaluated for k in range(replicates)) for instance in model.instances
     }
@@ -92,6 +86,21 @@ def verification(
     proposal = Proposal(values, {"sampler": "gp", "phase": "verification", "region": region.name, **why})
     instance, replicate = next_block(fewest, replicates, missions, proposal)
     return dataclasses.replace(proposal, instance=instance, replicate=replicate)
+
+
+def favourite_of(model: InstanceMeanGP, region: Region, constraint: Constraint | None) -> Values | None:
+    """Return the configuration run in a region with the best posterior mean; None where none is taken to meet the constraint."""
+    configurations = [values for values in model.configurations if region.contains(values)]
+    configurations = configurations or model.configurations
+    if constraint is not None:
+        configurations = [
+            v for v, satisfied in zip(configurations, constraint.satisfied(configurations)) if satisfied
+        ]
+        if not configurations:
+            return None
+    if len(configurations) > JOINT:
+        configurations = [configurations[i] for i in model.best_first(configurations)[:TOP]]
+    return configurations[int(model.posterior(configurations).mean.argmax())]
 
 
 MIN_FEASIBLE_FOR_MODEL = 2
@@ -133,7 +142,7 @@ class GPSampler:
         )
         models: tuple[InstanceMeanGP, ...] = ()
         constraint: Constraint | None = None
-        modelled, drawn = 0, list[Values]()
+        modelled, drawn, favourites = 0, list[Values](), dict[str, Values | None]()
         while len(proposals) < count:
             number = missions_asked(history, running)
             if number < s.initial or len(feasible) < MIN_FEASIBLE_FOR_MODEL:
@@ -165,7 +174,7 @@ class GPSampler:
                     values, gain = propose_constrained(models[0], constraint, configurations, seed)
                 modelled += 1
                 why = {"expected_gain": gain} if math.isfinite(gain) else {"drawn": True}
-                proposal = self._verified(models, constraint, history, running, gain) or Proposal(
+                proposal = self._verified(models, constraint, history, running, gain, favourites) or Proposal(
                     values, {"sampler": self.name, "phase": "model", "region": region.name, **why}
                 )
             proposals.append(proposal)
@@ -182,7 +191,7 @@ class GPSampler:
         answers = self.settings.problem.answers
         if len(answers) == 1 or region is not answers[-1] or number // len(answers) % 2:
             return region
-        ran = [v for v in distinct_configurations(model.space, model.observations) if region.contains(v)]
+        ran = [values for values in model.configurations if region.contains(values)]
         if not ran:
             return region
         favourite = ran[model.best_first(ran)[0]]
@@ -195,6 +204,7 @@ class GPSampler:
         history: Sequence[Observation],
         running: Sequence[Observation],
         gain: float,
+        favourites: dict[str, Values | None],
     ) -> Proposal | None:
         """Return the favourite once more, near the end of the budget, where that is worth more than ``gain``."""
         s, problem = self.settings, self.settings.problem
@@ -216,6 +226,7 @@ class GPSampler:
             gain,
             last=number >= s.budget - last,
             constraint=constraint,
+            favourites=favourites,
         )
 
     def _design_point(self, number: int, history: Sequence[Observation]) -> Proposal:

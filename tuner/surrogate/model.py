@@ -30,7 +30,7 @@ from botorch.cross_validation import efficient_loo_cv
 
 from nbv.types import Floats
 from tuner.problem.instances import Instance
-from tuner.problem.observations import Observation
+from tuner.problem.observations import Observation, distinct_configurations
 from tuner.problem.search_space import MANY_PARAMETERS, SearchSpace, Values
 from tuner.problem.standardise import RockStandardiser, winsorised
 from tuner.surrogate.fit import (
@@ -105,6 +105,11 @@ class InstanceMeanGP:
             kernel = mission_kernel(ordered, space.categorical_dimensions, blocks=blocks, sparse=sparse)
             self._fitted = fitted(kernel, x[self.fitted_to], y[self.fitted_to])
             self.model = self._fitted if len(self.fitted_to) == len(x) else with_promising(self._fitted, x, y)
+
+    @functools.cached_property
+    def configurations(self) -> list[Values]:
+        """Each configuration that has run, once."""
+        return distinct_configurations(self.space, self.observations)
 
     @functools.cached_property
     def feasibility(self) -> Feasibility | None:

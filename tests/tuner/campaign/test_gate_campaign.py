@@ -23,7 +23,7 @@ pytestmark = pytest.mark.slow
 
 RUN = (
     "campaign run --name gate --space gate_weights_and_pool --fidelity geometric --rock slab --rock vesicular "
-    "--budget 20 --compare-on arch --workers 1"
+    "--budget 16 --compare-on arch --workers 1"
 )
 
 
@@ -50,7 +50,7 @@ def ended(tmp_path_factory):
     first.send_signal(signal.SIGINT)
     said, _ = first.communicate(timeout=60)
     assert first.returncode == 130 and "gatetune campaign resume" in said, said
-    assert "of 20 missions" in gatetune(folder, "campaign", "status", "runs/gate")
+    assert "of 16 missions" in gatetune(folder, "campaign", "status", "runs/gate")
     kept = done[0].stat().st_mtime_ns
     printed = gatetune(folder, "campaign", "resume", "runs/gate", "--workers", "1")
     assert done[0].stat().st_mtime_ns == kept, "not run again"
@@ -61,7 +61,7 @@ def test_trials_that_repeat_photographs_use_no_budget(ended):
     trials = Campaign.open(ended[0] / "runs/gate", read_only=True).trials()
     again = repeated(trials)
     searched = [t for t in trials if t.number not in again]
-    assert len(searched) == 20 and again, [t.record.metadata for t in trials]
+    assert len(searched) == 16 and again, [t.record.metadata for t in trials]
     taken = [t.photographs_taken for t in searched]
     assert len(set(taken)) == len(taken)
     first = {t.photographs_taken: t.raw for t in searched}
