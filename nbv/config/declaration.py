@@ -11,6 +11,7 @@ import dataclasses
 import difflib
 import functools
 import math
+import re
 import types
 import typing
 from collections.abc import Callable, Collection, Iterable, Mapping
@@ -219,10 +220,13 @@ def declared(cls: type) -> dict[str, Declaration]:
 
 
 def nearest(word: str, known: Iterable[str], count: int = 1) -> str:
-    """``did you mean 'budget'?``, or what there is, for a message about an unknown word."""
+    """``did you mean 'budget'?``, or what there is, for a message about an unknown word; of paths what its section has, or the sections."""
     known = list(known)
     near = difflib.get_close_matches(word, known, count)
-    some = f"{', '.join(known[:30])}{', ...' if len(known) > 30 else ''}"
+    section = word.partition(".")[0]
+    here = [each for each in known if each.startswith(f"{section}.")]
+    there = here or list(dict.fromkeys(re.sub(r"\..*", ".*", each) for each in known))
+    some = f"{', '.join(there[:30])}{', ...' if len(there) > 30 else ''}"
     return f"did you mean {' or '.join(map(repr, near))}?" if near else f"there are {some}"
 
 
