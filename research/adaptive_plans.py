@@ -90,16 +90,9 @@ def run_missions(
     replicate: int = 0,
     listen: Listener = lambda reconstructor, model, vehicle_config: None,
 ) -> AdaptiveMission:
-    """One mission in this process; nothing is written.
+    """One mission in this process, of which nothing is written, on a rock or one of `research.other_shapes.SHAPES`.
 
-    Parameters
-    ----------
-    config, rock, replicate
-        As `nbv.mission.MissionFunction` has them; or one of `research.other_shapes.SHAPES`.
-    fidelity
-        A name in `FIDELITIES`.
-    listen
-        Called with the reconstructor, its model and `vehicle_config`, after the seeds and after every further photograph.
+    ``listen`` is called with the reconstructor, its model and `vehicle_config`, after the seeds and after every further photograph.
     """
     kept: list[Any] = []
 

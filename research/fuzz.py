@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import argparse
 import contextlib
-import csv
 import io
 import multiprocessing
 import os
@@ -28,9 +27,10 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-os.environ["OMP_NUM_THREADS"] = (
-    "1"  # before numpy and torch are loaded: a process with threads cannot be forked
-)
+from research import write_rows
+
+# Before numpy and torch are loaded: a process with threads cannot be forked.
+os.environ["OMP_NUM_THREADS"] = "1"
 ROOT = Path(__file__).resolve().parents[1]
 CORPUS = ROOT / "tests" / "data" / "fuzz"
 TIME_LIMIT_S = 20  # the finest mesh that an import makes, of 2.4 million faces, takes 12
@@ -43,9 +43,6 @@ TOKENS = [
     *(b"99999999999999999999", b"true", b"null", b"''", b"2001-01-01", b"../../x", b"/dev/zero"),
     *(b"/dev/stdin", b"~nobody/x", b"[/red]", b"\xed\xa0\x80", "\u202e".encode(), b"a" * 5000, b"[" * 200),
 ]
-
-
-# -- targets: what reads a file -------------------------------------------------------------------------------
 
 
 def _settings(path: Path) -> None:
@@ -567,14 +564,10 @@ def fuzz(targets: list[str], seconds: float, cases: int | None, out: Path | None
 def write_table(table: dict[str, Counter[str]], path: Path) -> None:
     """Rows of outcomes, and a last one of all."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    with path.open("w", newline="") as file:
-        rows = csv.writer(file)
-        rows.writerow(["target", "cases", *OUTCOMES])
-        total: Counter[str] = Counter()
-        for target, counts in table.items():
-            total += counts
-            rows.writerow([target, sum(counts.values()), *(counts[o] for o in OUTCOMES)])
-        rows.writerow(["all", sum(total.values()), *(total[o] for o in OUTCOMES)])
+    every = {**table, "all": sum(table.values(), Counter[str]())}
+    none = dict.fromkeys(OUTCOMES, 0)
+    rows = [{"target": t, "cases": sum(counts.values()), **none, **counts} for t, counts in every.items()]
+    write_rows(path, ["target", "cases", *OUTCOMES], rows)
 
 
 def main() -> int:

@@ -440,59 +440,17 @@ def crown() -> list[Part]:
 
 
 SEEN = (
-    table,
-    chair,
-    ring,
-    mug,
-    stairs,
-    goblet,
-    flange,
-    beast,
-    cactus,
-    corner,
-    ball,
-    cone,
-    pipe,
-    knot,
-    crate,
-    sign,
-)
+    table, chair, ring, mug, stairs, goblet, flange, beast,
+    cactus, corner, ball, cone, pipe, knot, crate, sign,
+)  # fmt: skip
 KEPT = (
-    vase,
-    bridge,
-    dumbbell,
-    wheel,
-    bench,
-    pyramid,
-    lamp,
-    pill,
-    anvil,
-    helix,
-    fan,
-    tree,
-    shelf,
-    bucket,
-    gear,
-    star,
-)
+    vase, bridge, dumbbell, wheel, bench, pyramid, lamp, pill,
+    anvil, helix, fan, tree, shelf, bucket, gear, star,
+)  # fmt: skip
 LATER = (
-    armchair,
-    hourglass,
-    mushroom,
-    sofa,
-    cross,
-    spool,
-    barrel,
-    castle,
-    car,
-    boat,
-    ladder,
-    rocket,
-    umbrella,
-    funnel,
-    fence,
-    crown,
-)
+    armchair, hourglass, mushroom, sofa, cross, spool, barrel, castle,
+    car, boat, ladder, rocket, umbrella, funnel, fence, crown,
+)  # fmt: skip
 SHAPES: dict[str, Callable[[], list[Part]]] = {make.__name__: make for make in (*SEEN, *KEPT, *LATER)}
 
 

@@ -2,12 +2,10 @@
 
 import csv
 import importlib
-import importlib.util
 import re
 from dataclasses import astuple
 from pathlib import Path
 
-import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
@@ -71,17 +69,6 @@ def test_pages_that_the_code_names_exist():
         page for path in files for page in re.findall(r"\bdocs/[\w/-]+\.md", path.read_text(encoding="utf-8"))
     }
     assert named and not [page for page in named if not (ROOT / page).is_file()]
-
-
-def test_figures_are_drawn_from_the_data_alone():
-    spec = importlib.util.spec_from_file_location("result_figures", ROOT / "research" / "result_figures.py")
-    assert spec is not None and spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    for name, draw in module.FIGURES.items():
-        assert draw(DATA).axes[0].has_data(), name
-        assert (ROOT / "docs" / "images" / f"{name}.png").is_file()
-    plt.close("all")
 
 
 def states(name):
