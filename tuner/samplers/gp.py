@@ -36,8 +36,6 @@ from tuner.samplers.base import (
 from tuner.surrogate.fit import numerics
 from tuner.surrogate.model import InstanceMeanGP
 
-# Running the favourite once more before it is recommended.
-#
 # The search runs a new configuration with every mission, and one that ran once may not be recommended
 # (``tuner.recommendation.choose``). The last missions of a budget therefore run the favourites of the regions on the (instance,
 # replicate) blocks that they have not seen; under a constraint so do those of the last third, where exploring promises less than a
@@ -60,10 +58,8 @@ def verification(
 
     ``model``: of the objective. ``region``: whose favourite. ``replicates``: per instance, numbered from 0.
     ``expected_gain``: what the best mission of the search promises, objective's unit; infinite where that is
-    not known. ``last``: whether to verify whatever exploring promises. ``favourites``: those already known by this model, by the
-    names of their regions; this one is entered.
-
-    The favourite has the best posterior mean, and exploring is worth more where it promises more than the noise of a mission.
+    not known; exploring is worth more where that is more than the noise of a mission. ``last``: whether to verify whatever exploring
+    promises. ``favourites``: those already known by this model, by region; this one is entered.
     """
     if expected_gain >= model.noise_sd and not last:
         return None
@@ -90,8 +86,7 @@ def verification(
 
 def favourite_of(model: InstanceMeanGP, region: Region, constraint: Constraint | None) -> Values | None:
     """Return the configuration run in a region with the best posterior mean; None where none is taken to meet the constraint."""
-    configurations = [values for values in model.configurations if region.contains(values)]
-    configurations = configurations or model.configurations
+    configurations = [v for v in model.configurations if region.contains(v)] or model.configurations
     if constraint is not None:
         configurations = [
             v for v, satisfied in zip(configurations, constraint.satisfied(configurations)) if satisfied
