@@ -22,7 +22,7 @@ from tuner.campaign.campaign import Campaign
 from tuner.comparison.of_campaign import CONFIRMATION, EVALUATION
 from tuner.comparison.plan import PLAN_FILE, EvaluationPlan
 from tuner.comparison.statistics import over_rocks, strategy_gain, values_of
-from tuner.missions.job import Trial
+from tuner.missions.job import Trial, repeated
 from tuner.missions.registry import DEFAULT_FIDELITY
 from tuner.problem.baselines import ANSWERS, ablations, is_ablation, scorer_alone
 from tuner.problem.goal import Objective
@@ -174,13 +174,14 @@ class GateFacts:
     switched: int  # of these: views of more than one scorer were taken
     views: Mapping[str, int]  # planned views by the scorer that chose them
     d95_m: tuple[float, float] | None  # between which the statistic lay when a view was chosen
-    all_missions: int  # of the campaign, that planned a view
+    all_missions: int  # of the campaign, that planned a view and took other photographs than those before
     all_switched: int
     alone: str  # the scorer that the thresholds leave alone whatever is measured; empty without one
 
 
 def gate_facts(campaign: Campaign, tuned: Recommendation) -> GateFacts:
     """Return what the gate did; files of missions that are gone are left out."""
+    again = repeated(campaign.trials())
     trials = [t for t in campaign.trials() if t.state == "complete" and t.record.switched is not None]
     flown = [t for t in trials if dict(t.values) == dict(tuned.values)]
     traces = []
@@ -194,7 +195,7 @@ def gate_facts(campaign: Campaign, tuned: Recommendation) -> GateFacts:
         switched=sum(bool(t.record.switched) for t in flown),
         views=dict(collections.Counter(step.scorer for step in steps).most_common()),
         d95_m=(min(d95_m), max(d95_m)) if d95_m else None,
-        all_missions=len(trials),
-        all_switched=sum(bool(t.record.switched) for t in trials),
+        all_missions=sum(t.number not in again for t in trials),
+        all_switched=sum(bool(t.record.switched) for t in trials if t.number not in again),
         alone=scorer_alone(campaign.settings.problem.config(tuned.values)),
     )

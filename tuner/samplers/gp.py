@@ -37,9 +37,8 @@ from tuner.surrogate.fit import numerics
 from tuner.surrogate.model import InstanceMeanGP
 
 # The search runs a new configuration with every mission, and one that ran once may not be recommended
-# (``tuner.recommendation.choose``). The last missions of a budget therefore run the favourites of the regions on the (instance,
-# replicate) blocks that they have not seen; under a constraint so do those of the last third, where exploring promises less than a
-# mission's noise.
+# (``tuner.recommendation.choose``). The last missions of a budget therefore run the regions' favourites on blocks (instance, replicate)
+# that they have not seen; under a constraint so do those of the last third, where exploring promises less than a mission's noise.
 
 
 def verification(
