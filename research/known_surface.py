@@ -3,7 +3,7 @@
     python -m research.known_surface known_surface.csv part-0 part-1 ...
 
 GROUND TRUTH: from the same ten seeds the planner's estimate of the surface is replaced by the true one, or all further views are
-chosen together on it before they are flown: the best set that exchanging one view at a time finds.
+chosen together on it before they are flown: one after another, then exchanged one at a time in three rounds.
 """
 
 from __future__ import annotations
@@ -23,14 +23,15 @@ from nbv.geometry.frames import directions_from
 from nbv.geometry.stereo_chance import good_view, reconstruction_probability
 from nbv.rocks.catalogue import load_rock
 from nbv.scorers import prediction, registry
-from nbv.types import Floats, Viewpoint
+from nbv.types import Floats, Ints, Viewpoint
 from research import write_rows
 from research.adaptive_plans import BASE
 from research.planned_photographs import CONTROL, HEAD, flown, plans, read, table
 
 NUMBER, CELLS, ROUNDS = 24, 40, 3
 TEN = plans(NUMBER)["10 seeds on the paper's rings, by *predicted*"]
-CONFIG = under(preset("campaign").with_values({**BASE, **TEN}), load_condition("indoors"))
+COMMON = under(preset("campaign").with_values(BASE), load_condition("indoors"))
+CONFIG = COMMON.with_values(TEN)
 KNOWN, PAIRS, RULES = (
     "10 seeds, surface known",
     "all views together, by pairs",
@@ -38,7 +39,7 @@ KNOWN, PAIRS, RULES = (
 )
 
 
-def true_solid(vertices_m: Floats, faces: Floats) -> Solid:
+def true_solid(vertices_m: Floats, faces: Ints) -> Solid:
     """What the true surface encloses or crosses, in cubes."""
     cell_m = float(vertices_m[:, 2].max()) / CELLS
     low = np.append(vertices_m[:, :2].min(axis=0) - 2 * cell_m, 0.0)
@@ -87,7 +88,6 @@ def together(solid: Solid, vertices_m: Floats, by_rules: bool) -> list[Viewpoint
 
 def main(file: str, *targets: str) -> None:
     carved, seeds_of, rows = prediction.carved, viewpoints.ViewpointSource.seeds, read(Path(file))
-    base = under(preset("campaign").with_values(BASE), load_condition("indoors"))
     asked = {CONTROL: plans(NUMBER)[CONTROL], "10 seeds, by *predicted*": TEN, KNOWN: TEN}
     asked |= {plan: {**TEN, "seeds": NUMBER} for plan in (PAIRS, RULES)}
     for target in targets:
@@ -102,7 +102,7 @@ def main(file: str, *targets: str) -> None:
                 views = together(solid, np.asarray(rock.vertices_m), plan == RULES)
                 viewpoints.ViewpointSource.seeds = lambda *_, views=views: views
             key = plan, target, NUMBER, 0
-            rows[key] = {**dict(zip(HEAD, key)), **flown(base.with_values(values), target, 0)}
+            rows[key] = {**dict(zip(HEAD, key)), **flown(COMMON.with_values(values), target, 0)}
             print(rows[key], flush=True)
             write_rows(Path(file), HEAD, rows.values())
     print("\n".join(table(rows)))

@@ -181,8 +181,10 @@ class GateFacts:
 
 def gate_facts(campaign: Campaign, tuned: Recommendation) -> GateFacts:
     """Return what the gate did; files of missions that are gone are left out."""
-    again = repeated(campaign.trials())
-    trials = [t for t in campaign.trials() if t.state == "complete" and t.record.switched is not None]
+    every = campaign.trials()
+    again = repeated(every)
+    trials = [t for t in every if t.state == "complete" and t.record.switched is not None]
+    new = [t for t in trials if t.number not in again]
     flown = [t for t in trials if dict(t.values) == dict(tuned.values)]
     traces = []
     for t in flown:
@@ -195,7 +197,7 @@ def gate_facts(campaign: Campaign, tuned: Recommendation) -> GateFacts:
         switched=sum(bool(t.record.switched) for t in flown),
         views=dict(collections.Counter(step.scorer for step in steps).most_common()),
         d95_m=(min(d95_m), max(d95_m)) if d95_m else None,
-        all_missions=sum(t.number not in again for t in trials),
-        all_switched=sum(bool(t.record.switched) for t in trials if t.number not in again),
+        all_missions=len(new),
+        all_switched=sum(bool(t.record.switched) for t in new),
         alone=scorer_alone(campaign.settings.problem.config(tuned.values)),
     )

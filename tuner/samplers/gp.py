@@ -15,11 +15,7 @@ from tuner.acquisition.constrained import (
     two_models,
 )
 from tuner.acquisition.propose import propose
-from tuner.problem.observations import (
-    Observation,
-    Proposal,
-    next_block,
-)
+from tuner.problem.observations import Observation, Proposal, next_block
 from tuner.problem.search_space import Region, Values
 from tuner.recommendation.choose import JOINT, TOP
 from tuner.samplers.base import (

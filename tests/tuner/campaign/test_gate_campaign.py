@@ -100,6 +100,10 @@ def test_the_campaign_ends_in_one_table(ended):
         if name != "hyb-h":
             gain = row["means"]["all"] - rows["hyb-h"]["means"]["all"]
             assert row["from_reference"]["mean"] == pytest.approx(gain, abs=1e-9)  # all pairs are there
+    # Missions that planned views, without those that repeat the photographs of an earlier one.
+    trials = Campaign.open(run, read_only=True).trials()
+    planned = {t.photographs_taken for t in trials if t.record.switched is not None}
+    assert {gate["all_missions"] for gate in answer["gates"].values()} == {len(planned)}
     assert all(len(line) <= 80 for line in printed.splitlines() if "│" not in line), printed
     page = (run / "report.html").read_text().replace("\u00a0", " ")
     assert page.index('id="use"') < page.index('id="result"')  # what to fly comes first
