@@ -52,8 +52,7 @@ def propose(
         running = model.inputs_at(pending) if pending else None
         acquisition = noisy_improvement(model, seen, running, seed)
         position, score = maximise(model, acquisition, seed, seen if region else None, region=region)
-    held = region.held if region is not None else {}  # exactly, though a logarithm rounds
-    return {**model.space.from_unit(position), **held}, math.exp(score) * model.mean_scale
+    return model.space.from_unit(position), math.exp(score) * model.mean_scale
 
 
 def noisy_improvement(

@@ -309,7 +309,6 @@ def _range_text(parameter: Parameter) -> str:
 TUNED, TUNED_GATE, TUNED_PLANNER = "tuned", "tuned-gate", "tuned-planner"
 LEAST_PLANNED = 3  # views that a tuned planner plans
 CHOOSES_VIEWS = ("gate.", "covis.", "b_aware.", "predicted.", "shared.", "plugins.", "stop.knn_region")
-REPAIRS = ("gate.geometry_scorer", "b_aware.", "predicted.")  # of these: the repairing scorer and its weights
 
 
 @dataclass(frozen=True)
@@ -327,9 +326,10 @@ class Region:
             values[path] <= bound for path, bound in self.at_most.items()
         )
 
-    def holding(self, values: Mapping[str, Any], paths: Sequence[str]) -> Region:
-        """Return the part of the region in which ``paths`` are as at ``values``; all of it where that leaves nothing to search."""
-        held = {**self.held, **{path: values[path] for path in paths}}
+    def with_gate_of(self, values: Mapping[str, Any]) -> Region:
+        """Return the part of the region in which views are chosen as at ``values``; all of it where that leaves nothing to search."""
+        gate = {path: values[path] for path in self.space.paths if path.startswith(CHOOSES_VIEWS)}
+        held = {**self.held, **gate}
         free = any(p.kind == "float" and p.path not in held for p in self.space.parameters)
         return dataclasses.replace(self, held=held) if free else self
 

@@ -16,7 +16,7 @@ from tuner.acquisition.constrained import (
 )
 from tuner.acquisition.propose import propose
 from tuner.problem.observations import Observation, Proposal, next_block
-from tuner.problem.search_space import CHOOSES_VIEWS, REPAIRS, Region, Values
+from tuner.problem.search_space import Region, Values
 from tuner.recommendation.choose import JOINT, TOP
 from tuner.samplers.base import (
     SamplerSettings,
@@ -177,19 +177,15 @@ class GPSampler:
         return problem.answers[(number + number // len(problem.instances)) % len(problem.answers)]
 
     def _narrowed(self, region: Region, model: InstanceMeanGP, number: int) -> Region:
-        """Return a region with fewer parameters to search, every second time.
-
-        Of the gate it has the default's thresholds and Covis' weights, which decide what the repairing scorer's weights can do; of the
-        planner the gate of its favourite.
-        """
-        problem = self.settings.problem
-        if len(problem.answers) == 1 or number // len(problem.answers) % 2:
+        """Return the larger region with the gate of its favourite, every second time: from there seeds and pool are few parameters."""
+        answers = self.settings.problem.answers
+        if len(answers) == 1 or region is not answers[-1] or number // len(answers) % 2:
             return region
-        gate = [path for path in problem.space.paths if path.startswith(CHOOSES_VIEWS)]
-        if region is not problem.answers[-1]:
-            return region.holding(problem.default, [path for path in gate if not path.startswith(REPAIRS)])
         ran = [values for values in model.configurations if region.contains(values)]
-        return region.holding(ran[model.best_first(ran)[0]], gate) if ran else region
+        if not ran:
+            return region
+        favourite = ran[model.best_first(ran)[0]]
+        return region.with_gate_of(favourite)
 
     def _verified(
         self,

@@ -37,11 +37,12 @@ from tuner.problem.search_space import SearchSpace
 
 # The covariance of missions, a sum of GPyTorch's kernels.
 #
-#     k = s^2 m(x, x') + b^2 [same instance] + c^2 [same block] + t^2 l(x, x')
+#     k = s^2 m(x, x') + b^2 [same instance] + c^2 [same block] + t^2 l(x, x') + sum over scorers of u^2 w(x, x') [choices alike]
 #
 # m is Matern-5/2 with a length scale per ordered parameter, times BoTorch's categorical kernel of the choices. b^2 and c^2
 # are the variances of what all missions in an instance, that is, on a rock under a condition, or on one (instance, replicate) block,
-# share. l is the covariance of a linear trend, scaled so that t^2 is its mean variance over the cube.
+# share. l is the covariance of a linear trend, scaled so that t^2 is its mean variance over the cube; w that of a trend in the
+# share of a scorer's main weight, times the categorical kernel of the choices.
 #
 # Inputs are (..., d + 2): the unit cube, then the instance's and the block's column of exact whole numbers. ``NO_OFFSET`` there is
 # the mean over instances, or blocks, that were not run: it shares nothing, not even with itself.
@@ -84,6 +85,27 @@ class Trend(LinearKernel):
         return super().forward(scale * (x1 - 0.5), scale * (x2 - 0.5), diag=diag, **params)
 
 
+class MainShare(LinearKernel):
+    """Linear, about a half, in the share of a scorer's main term in the sum of its weights.
+
+    Where any other weight is large the main term decides little: in logarithms of weights that is all but one corner, in this share
+    a line. ``ranges``: (p, 2) of the other weights, whose columns are on a logarithmic scale.
+    """
+
+    def __init__(self, ranges: Floats, main: float, **options: Any) -> None:
+        super().__init__(**options)
+        self._low, self._high = tensor(np.log(ranges)).unbind(dim=-1)
+        self._main = main
+
+    def forward(self, x1: torch.Tensor, x2: torch.Tensor, diag: bool = False, **params: Any) -> torch.Tensor:
+        """Return (..., n, m) of (..., n, p) and (..., m, p); (..., n) if ``diag``."""
+        return super().forward(self._centred(x1), self._centred(x2), diag=diag, **params)
+
+    def _centred(self, x: torch.Tensor) -> torch.Tensor:
+        others = (self._low + x * (self._high - self._low)).exp().sum(dim=-1, keepdim=True)
+        return math.sqrt(12.0) * (self._main / (self._main + others) - 0.5)
+
+
 class SparseLengthPrior(HalfCauchyPrior):
     """Sparse axis-aligned prior: 1 / length^2 ~ HalfCauchy(tau) (Eriksson and Jankowiak, UAI 2021).
 
@@ -107,11 +129,13 @@ def mission_kernel(
     *,
     blocks: bool,
     sparse: bool,
+    beside_main: Sequence[tuple[list[int], Floats, float]] = (),
 ) -> Kernel:
     """Return the covariance k of two missions, as the equation above has it, with its priors.
 
     ``ordered`` and ``categorical`` are the columns of parameters. ``blocks``: whether the sum has the term
-    with c^2; ``sparse``: with t^2, and the length scales have a `SparseLengthPrior`, where parameters are ordered.
+    with c^2; ``sparse``: with t^2 and u^2, and the length scales have a `SparseLengthPrior`, where parameters are ordered.
+    ``beside_main``: of each scorer the columns and ranges of its weights, and its main weight.
     """
     f, instance_column = _landscape(ordered, categorical, sparse=sparse), len(ordered) + len(categorical)
     instance = SharedLevel(active_dims=[instance_column])
@@ -120,10 +144,11 @@ def mission_kernel(
         kernel = kernel + _scaled(SharedLevel(active_dims=[instance_column + 1]), *BLOCK_VARIANCE)
     if sparse and ordered:
         prior, mode = log_normal(*TREND_VARIANCE)
-        constraint = _between(1 / _LARGEST, mode)
-        kernel = kernel + Trend(
-            variance_prior=prior, variance_constraint=constraint, active_dims=list(ordered)
-        )
+        options = {"variance_prior": prior, "variance_constraint": _between(1 / _LARGEST, mode)}
+        kernel = kernel + Trend(**options, active_dims=list(ordered))
+        for columns, ranges, main in beside_main:
+            share: Kernel = MainShare(ranges, main, **options, active_dims=columns)
+            kernel = kernel + (share * _choices(categorical) if categorical else share)
     return kernel
 
 
@@ -148,16 +173,18 @@ def _landscape(ordered: Sequence[int], categorical: Sequence[int], *, sparse: bo
             )
         )
     if categorical:
-        prior, mode = log_normal(1.0, 1.0)
-        factors.append(
-            CategoricalKernel(
-                ard_num_dims=len(categorical),
-                active_dims=list(categorical),
-                lengthscale_prior=prior,
-                lengthscale_constraint=_between(1 / _LARGEST, mode),
-            )
-        )
+        factors.append(_choices(categorical))
     return factors[0] if len(factors) == 1 else factors[0] * factors[1]
+
+
+def _choices(categorical: Sequence[int]) -> Kernel:
+    prior, mode = log_normal(1.0, 1.0)
+    return CategoricalKernel(
+        ard_num_dims=len(categorical),
+        active_dims=list(categorical),
+        lengthscale_prior=prior,
+        lengthscale_constraint=_between(1 / _LARGEST, mode),
+    )
 
 
 def _scaled(base: Kernel, median: float, spread: float) -> ScaleKernel:

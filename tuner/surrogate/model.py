@@ -102,7 +102,13 @@ class InstanceMeanGP:
         if sparse is None:
             sparse = space.dimension >= MANY_PARAMETERS
         with numerics():
-            kernel = mission_kernel(ordered, space.categorical_dimensions, blocks=blocks, sparse=sparse)
+            kernel = mission_kernel(
+                ordered,
+                space.categorical_dimensions,
+                blocks=blocks,
+                sparse=sparse,
+                beside_main=weights_beside_main(space),
+            )
             self._fitted = fitted(kernel, x[self.fitted_to], y[self.fitted_to])
             self.model = self._fitted if len(self.fitted_to) == len(x) else with_promising(self._fitted, x, y)
 
@@ -214,6 +220,22 @@ class InstanceMeanGP:
         cv = efficient_loo_cv(self._fitted)
         errors = (cv.observed_Y - cv.posterior.mean) / cv.posterior.variance.sqrt()
         return errors.flatten().numpy()
+
+
+def weights_beside_main(space: SearchSpace) -> list[tuple[list[int], Floats, float]]:
+    """Return columns and (p, 2) ranges of each scorer's weights on a logarithmic scale, and its main weight, which is the base's."""
+    found = []
+    for path, main in space.base.items():
+        if path.endswith(".weights.main"):
+            scorer = path.removesuffix("main")
+            beside = {
+                i: (p.low, p.high)
+                for i, p in enumerate(space.parameters)
+                if p.path.startswith(scorer) and p.scale == "log"
+            }
+            if beside:
+                found.append((list(beside), np.array(list(beside.values())), float(main)))
+    return found
 
 
 def _levels(names: Iterable[Any]) -> dict[Any, float]:

@@ -20,7 +20,7 @@ from tuner.acquisition.propose import LogNoisyImprovement
 from tuner.problem.goal import Goal, Objective
 from tuner.problem.instances import Instance
 from tuner.problem.observations import Observation, changes
-from tuner.problem.search_space import REPAIRS, TUNED, TUNED_GATE, Problem, Region, Values
+from tuner.problem.search_space import TUNED, Problem, Region, Values
 from tuner.problem.space_files import load_search_space, space_from_dict
 from tuner.recommendation.choose import recommend
 from tuner.recommendation.recommendation import Recommendation
@@ -101,20 +101,6 @@ def test_the_design_has_the_default_with_each_other_choice() -> None:
     alone = [changes(o.values, default) for o in history[settings.first :]]
     assert ("gate.geometry_scorer",) in alone and ("seed.layout",) in alone
     assert sum(len(changed) > 2 for changed in alone) > len(alone) // 2  # the rest of it is everywhere
-
-
-def test_half_of_the_models_gates_have_the_defaults_thresholds() -> None:
-    settings = fake_campaigns.settings(space=load_search_space("plan_and_gate"), budget=30).search
-    sampler, default, history = make_sampler("gp", settings), settings.problem.default, list[Observation]()
-    rng, kept = np.random.default_rng(0), list[bool]()
-    for i in range(settings.initial + 8):
-        proposal = sampler.ask(history, [])
-        y = rng.random()
-        history.append(Observation(i, proposal.values, "abc"[i % 3], 0, y, y))
-        if proposal.metadata.get("region") == TUNED_GATE and proposal.metadata["phase"] == "model":
-            changed = set(changes(proposal.values, default))
-            kept.append(changed <= {p for p in default if p.startswith(REPAIRS)})
-    assert len(kept) >= 3 and 0 < np.mean(kept) < 1
 
 
 @pytest.mark.parametrize(("begins", "initial"), [(1, 6), (2, 6), (4, 6), (1, 2), (3, 12), (6, 8)])
