@@ -6,7 +6,8 @@ import synthetic
 
 from tuner.problem.instances import Instance, instances_over
 from tuner.problem.observations import Observation
-from tuner.problem.search_space import Parameter, SearchSpace
+from tuner.problem.search_space import Parameter, SearchSpace, Values
+from tuner.problem.space_files import load_search_space
 from tuner.surrogate import fit
 from tuner.surrogate.fit import NORMAL_95
 from tuner.surrogate.model import InstanceMeanGP
@@ -97,6 +98,25 @@ def test_a_trend_reaches_where_nothing_was_flown() -> None:
     )
     assert abs(with_trend.mean[0] - truth) < 0.2 * truth
     assert abs(with_trend.mean[0] - truth) < 0.5 * abs(without.mean[0] - truth)
+
+
+def test_where_the_main_term_decides_is_found_from_weights_that_are_large() -> None:
+    """What pays only where all three other weights are small, and with one scorer, is expected there before anything ran near."""
+    space = load_search_space("plan_and_gate")
+    weights = [f"b_aware.weights.{term}" for term in ("nov", "move", "ang")]
+    rng, history = np.random.default_rng(2), list[Observation]()
+
+    def at(scorer: str, size: list[float]) -> Values:
+        return {**space.from_unit(rng.random(14)), "gate.geometry_scorer": scorer, **dict(zip(weights, size))}
+
+    for i in range(40):
+        scorer, size = ("b-aware", "predicted")[i % 2], list(np.exp(rng.uniform(np.log(0.1), np.log(2.0), 3)))
+        y = 5.0 * (scorer == "predicted") / (1 + sum(size)) + 0.2 * rng.normal()
+        history.append(Observation(i, at(scorer, size), "r0", i % 2, y, y))
+    model = InstanceMeanGP(space, history, (Instance("r0"),))
+    small, one_large = [0.01] * 3, [0.01, 0.01, 2.0]
+    found = model.posterior([at("predicted", small), at("predicted", one_large), at("b-aware", small)]).mean
+    assert found[0] > 2.5 and found[0] - found[1] > 1.5 and found[0] - found[2] > 1.0
 
 
 def test_many_missions_are_believed_as_by_the_exact_model(monkeypatch: pytest.MonkeyPatch) -> None:
