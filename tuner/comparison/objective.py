@@ -88,19 +88,6 @@ class MissionObjective:
         """Optuna's distributions by path, for ``study.ask``."""
         return distributions(self.settings.space)
 
-    def ax_parameters(self) -> list[dict[str, Any]]:
-        """Ax's parameters, for ``AxClient.create_experiment``."""
-        entries = list[dict[str, Any]]()
-        for p in self.settings.space.parameters:
-            if p.kind == "categorical":
-                entry: dict[str, Any] = {"type": "choice", "values": list(p.choices), "is_ordered": False}
-            else:
-                low, high = (p.low, p.high) if p.kind == "int" else (float(p.low), float(p.high))
-                entry = {"type": "range", "bounds": [low, high], "value_type": p.kind}
-                entry["log_scale"] = p.scale == "log"
-            entries.append({"name": p.path, **entry})
-        return entries
-
 
 def objective(
     space: str,

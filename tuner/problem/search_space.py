@@ -326,13 +326,6 @@ class Region:
             values[path] <= bound for path, bound in self.at_most.items()
         )
 
-    def with_gate_of(self, values: Mapping[str, Any]) -> Region:
-        """Return the part of the region in which views are chosen as at ``values``; all of it where that leaves nothing to search."""
-        gate = {path: values[path] for path in self.space.paths if path.startswith(CHOOSES_VIEWS)}
-        held = {**self.held, **gate}
-        free = any(p.kind == "float" and p.path not in held for p in self.space.parameters)
-        return dataclasses.replace(self, held=held) if free else self
-
     def inside(self, unit: Floats) -> Bools:
         """Return (n,) which of (n, d) unit positions lie in the region."""
         return np.all(np.abs(self.project(unit) - unit) < 1e-9, axis=-1)

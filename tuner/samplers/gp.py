@@ -157,9 +157,7 @@ class GPSampler:
                     drawn = drawn or thompson_configurations(models, constraint, count - len(proposals), seed)
                     values, gain = drawn.pop(), math.inf
                 elif constraint is None:
-                    values, gain = propose(
-                        models[0], configurations, seed, self._narrowed(region, models[0], number)
-                    )
+                    values, gain = propose(models[0], configurations, seed, region)
                 else:
                     values, gain = propose_constrained(models[0], constraint, configurations, seed)
                 modelled += 1
@@ -175,17 +173,6 @@ class GPSampler:
         """Return whose turn it is; another one's with every round over the instances, so that each meets all of them."""
         problem = self.settings.problem
         return problem.answers[(number + number // len(problem.instances)) % len(problem.answers)]
-
-    def _narrowed(self, region: Region, model: InstanceMeanGP, number: int) -> Region:
-        """Return the larger region with the gate of its favourite, every second time: from there seeds and pool are few parameters."""
-        answers = self.settings.problem.answers
-        if len(answers) == 1 or region is not answers[-1] or number // len(answers) % 2:
-            return region
-        ran = [values for values in model.configurations if region.contains(values)]
-        if not ran:
-            return region
-        favourite = ran[model.best_first(ran)[0]]
-        return region.with_gate_of(favourite)
 
     def _verified(
         self,

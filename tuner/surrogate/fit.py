@@ -85,7 +85,7 @@ class Trend(LinearKernel):
         return super().forward(scale * (x1 - 0.5), scale * (x2 - 0.5), diag=diag, **params)
 
 
-class MainShare(LinearKernel):
+class MainShare(Trend):
     """Linear, about a half, in the share of a scorer's main term in the sum of its weights.
 
     Where any other weight is large the main term decides little: in logarithms of weights that is all but one corner, in this share
@@ -94,16 +94,15 @@ class MainShare(LinearKernel):
 
     def __init__(self, ranges: Floats, main: float, **options: Any) -> None:
         super().__init__(**options)
-        self._low, self._high = tensor(np.log(ranges)).unbind(dim=-1)
-        self._main = main
+        self._low, self._high, self._main = *tensor(np.log(ranges)).unbind(dim=-1), main
 
     def forward(self, x1: torch.Tensor, x2: torch.Tensor, diag: bool = False, **params: Any) -> torch.Tensor:
         """Return (..., n, m) of (..., n, p) and (..., m, p); (..., n) if ``diag``."""
-        return super().forward(self._centred(x1), self._centred(x2), diag=diag, **params)
+        return super().forward(self._share(x1), self._share(x2), diag=diag, **params)
 
-    def _centred(self, x: torch.Tensor) -> torch.Tensor:
+    def _share(self, x: torch.Tensor) -> torch.Tensor:
         others = (self._low + x * (self._high - self._low)).exp().sum(dim=-1, keepdim=True)
-        return math.sqrt(12.0) * (self._main / (self._main + others) - 0.5)
+        return self._main / (self._main + others)
 
 
 class SparseLengthPrior(HalfCauchyPrior):
@@ -123,19 +122,16 @@ def log_normal(median: float, spread: float) -> tuple[LogNormalPrior, float]:
     return LogNormalPrior(math.log(median), spread), median * math.exp(-(spread**2))
 
 
+BesideMain = Sequence[tuple[list[int], Floats, float]]  # a scorer's columns of weights, ranges, main weight
+
+
 def mission_kernel(
-    ordered: Sequence[int],
-    categorical: Sequence[int],
-    *,
-    blocks: bool,
-    sparse: bool,
-    beside_main: Sequence[tuple[list[int], Floats, float]] = (),
+    ordered: Sequence[int], categorical: Sequence[int], *, blocks: bool, sparse: bool, beside_main: BesideMain
 ) -> Kernel:
     """Return the covariance k of two missions, as the equation above has it, with its priors.
 
     ``ordered`` and ``categorical`` are the columns of parameters. ``blocks``: whether the sum has the term
     with c^2; ``sparse``: with t^2 and u^2, and the length scales have a `SparseLengthPrior`, where parameters are ordered.
-    ``beside_main``: of each scorer the columns and ranges of its weights, and its main weight.
     """
     f, instance_column = _landscape(ordered, categorical, sparse=sparse), len(ordered) + len(categorical)
     instance = SharedLevel(active_dims=[instance_column])

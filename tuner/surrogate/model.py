@@ -102,13 +102,8 @@ class InstanceMeanGP:
         if sparse is None:
             sparse = space.dimension >= MANY_PARAMETERS
         with numerics():
-            kernel = mission_kernel(
-                ordered,
-                space.categorical_dimensions,
-                blocks=blocks,
-                sparse=sparse,
-                beside_main=weights_beside_main(space),
-            )
+            shares, choices = weights_beside_main(space), space.categorical_dimensions
+            kernel = mission_kernel(ordered, choices, blocks=blocks, sparse=sparse, beside_main=shares)
             self._fitted = fitted(kernel, x[self.fitted_to], y[self.fitted_to])
             self.model = self._fitted if len(self.fitted_to) == len(x) else with_promising(self._fitted, x, y)
 
@@ -225,16 +220,11 @@ class InstanceMeanGP:
 def weights_beside_main(space: SearchSpace) -> list[tuple[list[int], Floats, float]]:
     """Return columns and (p, 2) ranges of each scorer's weights on a logarithmic scale, and its main weight, which is the base's."""
     found = []
-    for path, main in space.base.items():
-        if path.endswith(".weights.main"):
-            scorer = path.removesuffix("main")
-            beside = {
-                i: (p.low, p.high)
-                for i, p in enumerate(space.parameters)
-                if p.path.startswith(scorer) and p.scale == "log"
-            }
-            if beside:
-                found.append((list(beside), np.array(list(beside.values())), float(main)))
+    for main in (path for path in space.base if path.endswith(".weights.main")):
+        beside = [(i, p) for i, p in enumerate(space.parameters) if p.path.startswith(main[: -len("main")])]
+        if beside and all(p.scale == "log" for _, p in beside):
+            ranges = np.array([(p.low, p.high) for _, p in beside])
+            found.append(([i for i, _ in beside], ranges, float(space.base[main])))
     return found
 
 
