@@ -37,12 +37,12 @@ from tuner.problem.search_space import SearchSpace
 
 # The covariance of missions, a sum of GPyTorch's kernels.
 #
-#     k = s^2 m(x, x') + b^2 [same instance] + c^2 [same block] + t^2 l(x, x') + sum over scorers of u^2 w(x, x') [choices alike]
+#     k = s^2 m(x, x') + b^2 [same instance] + c^2 [same block] + t^2 l(x, x') + sum over scorers of u^2 w(x, x') h(x, x')
 #
 # m is Matern-5/2 with a length scale per ordered parameter, times BoTorch's categorical kernel of the choices. b^2 and c^2
 # are the variances of what all missions in an instance, that is, on a rock under a condition, or on one (instance, replicate) block,
 # share. l is the covariance of a linear trend, scaled so that t^2 is its mean variance over the cube; w that of a trend in the
-# share of a scorer's main weight, times the categorical kernel of the choices.
+# share of a scorer's main weight, and h a categorical kernel of the choices: another scorer, another slope.
 #
 # Inputs are (..., d + 2): the unit cube, then the instance's and the block's column of exact whole numbers. ``NO_OFFSET`` there is
 # the mean over instances, or blocks, that were not run: it shares nothing, not even with itself.
