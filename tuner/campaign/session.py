@@ -20,19 +20,19 @@ from tuner.missions.pool import Executor
 from tuner.missions.registry import BUILT_IN, kind_on, mission_kind
 from tuner.missions.run_jobs import JobList, Stop, long_run, run_jobs
 from tuner.problem.observations import Proposal, configuration_key, next_block, photographs_key
+from tuner.problem.search_space import Values
 from tuner.recommendation.recommendation import Recommendation
 
 # The recommendations without what has no effect: parameters whose default would have led to the same photographs.
 #
-# A gate that never switches makes its thresholds, and the weights of the scorer that it never asks, values of nothing. Which
-# values these are is found by missions whose every photograph and model is in the store, and which therefore take no time. The
-# simplified configuration then enters the ledger by trials that repeat those of the recommendation and use no budget.
+# A gate that never switches makes its thresholds, and the weights of the scorer that it never asks, values of nothing: missions
+# whose every photograph is in the store tell which. The trials of simplified configurations repeat others and use no budget.
 
 
 def simplified(campaign: Campaign) -> list[Proposal]:
     """Return trials of the recommendations with all values at their default that change no photograph of their own trials.
 
-    The list is empty where there is no such value, or where the simplified configurations have been tried already.
+    They repeat these, and elsewhere what has been flown with other values of nothing; none is tried twice.
     """
     space, found = campaign.settings.space, campaign.recommendations(save=False).values()
     distinct = {configuration_key(space, best.values): best for best in found}
@@ -47,23 +47,29 @@ def _simplified(campaign: Campaign, best: Recommendation) -> list[Proposal]:
     best_trials = [t for t in trials if t.state == "complete" and t.values == best.values]
     if not best_trials or not all(t.record.photographs for t in best_trials):
         return []
+
+    def photographs(values: Values, t: Trial) -> str:
+        return known_photographs(campaign.job(t, s.problem.config(values, t.condition)))
+
     values, before = dict(best.values), None
     while values != before:  # one threshold may have no effect only where the other has its default
         before = values
         for paths in _parts(best.changed):
             reset = space.settled({**values, **{path: best.default_values[path] for path in paths}})
-            if reset != values and all(
-                known_photographs(campaign.job(t, s.problem.config(reset, t.condition)))
-                == t.record.photographs
-                for t in best_trials
-            ):
+            if reset != values and all(photographs(reset, t) == t.record.photographs for t in best_trials):
                 values = reset
-    tried = {configuration_key(space, t.values) for t in trials}
-    if values == best.values or configuration_key(space, values) in tried:
-        return []
     idle = [path for path in best.changed if values[path] == best.default_values[path]]
     metadata = {"sampler": s.sampler, "phase": "simplified", "without_effect": idle, "region": best.name}
-    return [Proposal(values, metadata, t.instance, t.replicate) for t in best_trials]
+    flown = {(t.instance, t.replicate): t for t in trials if t.state == "complete"}
+    taken = {(t.instance, t.replicate, t.record.photographs) for t in trials if t.record.photographs}
+    tried = {(configuration_key(space, t.values), t.instance, t.replicate) for t in trials}
+    return [
+        Proposal(each, metadata, *block)
+        for each in ([values] if values == best.values else [values, dict(best.values)])
+        for block, t in flown.items()
+        if (configuration_key(space, each), *block) not in tried
+        if (*block, photographs(each, t)) in taken
+    ]
 
 
 def _parts(changed: Sequence[str]) -> list[tuple[str, ...]]:

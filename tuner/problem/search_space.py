@@ -355,9 +355,6 @@ def regions_of(space: SearchSpace, default: Values, *, limited: bool) -> tuple[R
     return gate, Region(TUNED_PLANNER, space, at_most=most)
 
 
-# What a search knows of its trials; `tuner.campaign.mission_problem.MissionProblem` knows how they run.
-
-
 @dataclass(frozen=True)
 class Problem:
     """A trial is a configuration of ``space`` in one of the ``instances`` with one of the ``replicates``.

@@ -31,9 +31,6 @@ if TYPE_CHECKING:
     from tuner.surrogate.model import InstanceMeanGP
 
 
-# What is run before a model can say anything: the default configuration, then points that need no outcomes.
-
-
 # Where missions were run before a campaign, elsewhere, a design this short has so many of the best of them right after
 # the default (docs/results/index.md).
 WITH_EARLIER, FROM_EARLIER = 6, 4

@@ -58,7 +58,7 @@ class InstanceMeanGP:
 
     ``observations``: finished missions; failed ones tell the search alone, by `feasibility`. At least one must be
     feasible. ``instances``: the training instances over which the mean is taken. ``sparse``: whether length scales have a SAAS
-    prior and there are linear trends, which find the best gate twice as often (docs/results/index.md); None: from
+    prior and there are linear trends, which find the best gate more often (docs/results/index.md); None: from
     `MANY_PARAMETERS` on.
     """
 

@@ -23,7 +23,7 @@ pytestmark = pytest.mark.slow
 
 RUN = (
     "campaign run --name gate --space gate_weights_and_pool --fidelity geometric --rock slab --rock vesicular "
-    "--budget 16 --compare-on arch --workers 1"
+    "--budget 16 --seed 1 --compare-on arch --workers 1"
 )
 
 
