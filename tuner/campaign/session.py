@@ -60,6 +60,7 @@ def _simplified(campaign: Campaign, best: Recommendation) -> list[Proposal]:
                 values = reset
     idle = [path for path in best.changed if values[path] == best.default_values[path]]
     metadata = {"sampler": s.sampler, "phase": "simplified", "without_effect": idle, "region": best.name}
+    own = {(t.instance, t.replicate) for t in best_trials}
     flown = {(t.instance, t.replicate): t for t in trials if t.state == "complete"}
     taken = {(t.instance, t.replicate, t.record.photographs) for t in trials if t.record.photographs}
     tried = {(configuration_key(space, t.values), t.instance, t.replicate) for t in trials}
@@ -68,7 +69,7 @@ def _simplified(campaign: Campaign, best: Recommendation) -> list[Proposal]:
         for each in ([values] if values == best.values else [values, dict(best.values)])
         for block, t in flown.items()
         if (configuration_key(space, each), *block) not in tried
-        if (*block, photographs(each, t)) in taken
+        if block in own or (*block, photographs(each, t)) in taken
     ]
 
 

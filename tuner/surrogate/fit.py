@@ -50,6 +50,7 @@ from tuner.problem.search_space import SearchSpace
 
 NO_OFFSET = -1.0
 MIN_LENGTHSCALE = 2.5e-2
+BesideMain = Sequence[tuple[list[int], Floats, float]]  # a scorer's columns of weights, ranges, main weight
 _LARGEST = 1.6e5  # of any length or variance; 1 / this is the smallest variance
 
 # Medians and spreads of log-normal priors; outcomes are standardised, inputs are in the unit cube.
@@ -120,9 +121,6 @@ class SparseLengthPrior(HalfCauchyPrior):
 def log_normal(median: float, spread: float) -> tuple[LogNormalPrior, float]:
     """Return the prior and its mode, where the search for hyperparameters begins."""
     return LogNormalPrior(math.log(median), spread), median * math.exp(-(spread**2))
-
-
-BesideMain = Sequence[tuple[list[int], Floats, float]]  # a scorer's columns of weights, ranges, main weight
 
 
 def mission_kernel(

@@ -85,6 +85,18 @@ def test_nothing_inert_is_recommended(ended):
             assert not all(same), path
 
 
+def test_photographs_taken_with_other_idle_values_count_for_the_recommended(ended):
+    campaign = Campaign.open(ended[0] / "runs/gate", read_only=True)
+    trials = campaign.trials()
+    taken = {(t.rock, t.replicate, t.record.photographs) for t in trials}
+    for best in campaign.recommended().values():
+        own = {(t.rock, t.replicate) for t in trials if t.values == best.values}
+        config = campaign.settings.problem.config(best.values, trials[0].condition)
+        for rock, k in {(t.rock, t.replicate) for t in trials} - own:
+            trace = run_geometric_mission(config, rock, k, None, keep="summary").trace
+            assert (rock, k, photographs_key(config, [r.chosen for r in trace])) not in taken
+
+
 def test_the_campaign_ends_in_one_table(ended):
     folder, printed = ended
     run = folder / "runs/gate"
