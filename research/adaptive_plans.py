@@ -65,6 +65,7 @@ class _Kept:
         return self._keep(self._inner.bootstrap(captures))
 
     def add(self, capture: Capture) -> UpdateReport:
+        self.planned_m = capture.viewpoint.position_m
         return self._keep(self._inner.add(capture))
 
     def recentre(self, target_m: tuple[float, float, float], crop_half_width_m: float) -> None:
@@ -79,7 +80,7 @@ class _Kept:
 
     def _keep(self, report: UpdateReport) -> UpdateReport:
         self.model = report.model
-        self._listen(self._inner, report.model, self.vehicle_config)
+        self._listen(self, report.model, self.vehicle_config)
         return report
 
 

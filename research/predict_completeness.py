@@ -17,6 +17,7 @@ from __future__ import annotations
 import argparse
 import functools
 import itertools
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -28,12 +29,15 @@ from nbv.config import MissionConfig, load_condition, under
 from nbv.dense.reconstruct import dense_cloud
 from nbv.evaluation import evaluate_cloud
 from nbv.geometric.completeness import predicted_metrics
+from nbv.geometry.stereo_chance import reconstruction_probability
 from nbv.rocks import load_rock
 from nbv.rocks.families import EVERY
-from nbv.scorers.prediction import LEAST_UNKNOWN, Calibration, predict
+from nbv.scorers import prediction
+from nbv.scorers.prediction import LEAST_UNKNOWN, Calibration, Prediction, predict
 from nbv.types import Floats, SparseModel
 from research import write_rows
 from research.adaptive_plans import base, rocks_of, run_missions
+from research.known_surface import true_solid
 from research.other_shapes import KEPT, LATER, SEEN
 from research.planned_photographs import plans
 
@@ -41,7 +45,6 @@ NEVER = {
     "stop.criterion": "predicted",
     "stop.predicted_percent": 100.0,
 }  # stops a mission, but depth is asked for
-BOOTSTRAP = 1000
 TWO_RINGS = {"seed.upper_share": 0.36, "seed.span_deg": 25.0}
 PLANS: dict[str, dict[str, Any]] = {
     "orbit-16": {"photographs": 16, "seeds": 16},
@@ -54,7 +57,10 @@ ARMS = {"random": {**PLANS["adaptive"], "gate.kind": "random"}}  # to compare wi
 ON_THE_WAY = (12, 16, 20, 24, 28, 32, 40, 48)
 HEAD = ("rock", "plan", "photographs", "completeness", "mean_chance", "unknown", "predicted")
 TEN_SEEDS = "10 seeds on the paper's rings, by *predicted*"
-GAINS_HEAD = ("shape", "photograph", "promised", "got")
+# What is promised of a photograph: as flown, from the place that was planned, without what has matched so far, by the rules of the
+# dense stage, on the true surface (GROUND TRUTH).
+PROMISES = ("promised", "at_plan", "unmatched", "by_rules", "true_surface")
+GAINS_HEAD = ("shape", "photograph", *PROMISES, "got")
 TOLD_FROM = 16
 BELOW = 0.25  # share of the states with less than is said
 SETS = {"seen": SEEN, "kept": KEPT, "later": LATER}
@@ -88,46 +94,79 @@ def states(rock: str) -> list[dict[str, Any]]:
 
 
 def gains(shape: str, photographs: int = 24) -> list[dict[str, Any]]:
-    """Of each planned photograph of a mission from ten seeds what it promises, and what the completeness at 48 mm gains by it."""
+    """Of each planned photograph of a mission from ten seeds the `PROMISES`, and what the completeness at 48 mm gains by it."""
     config = under(base(**plans(photographs)[TEN_SEEDS]), load_condition("indoors"))
     rock, rows, before = load_rock(shape), list[dict[str, Any]](), list[Any]()
+    solid, carved = true_solid(np.asarray(rock.vertices_m), np.asarray(rock.faces)), prediction.carved
 
     def look(reconstructor: Any, model: SparseModel, believed: MissionConfig) -> None:
         cloud = dense_cloud(reconstructor._views(reconstructor._mapped()))
         got = evaluate_cloud(cloud, rock, config).metrics["observable"]["completeness_48mm"] / 100.0
-        number = len(model.camera_names)
+        made, number, at_m = predict(model, believed), len(model.camera_names), model.camera_centers_m[-1:]
+        prediction.carved = lambda *_, **__: solid
+        known = predict(model, believed)
+        prediction.carved = carved
         if before:
-            made, had = before
-            promised = made.expected_gain(model.camera_centers_m[-1:])[0] * (1.0 - made.matched).mean()
-            values = shape, number, f"{promised:.4f}", f"{got - had:.4f}"
-            rows.append(dict(zip(GAINS_HEAD, values, strict=True)))
-        before[:] = predict(model, believed), got
+            had_made, had_known, had = before
+            alike = replace(had_made, matches=np.ones_like(had_made.matches))
+            told = [
+                (had_made, at_m),
+                (had_made, np.array([reconstructor.planned_m])),
+                (alike, at_m),
+                (had_known, at_m),
+            ]
+            values = [p.expected_gain(place)[0] * (1.0 - p.matched).mean() for p, place in told]
+            values.insert(3, by_rules(had_made, at_m))
+            numbers = (f"{x:.4f}" for x in (*values, got - had))
+            rows.append(dict(zip(GAINS_HEAD, (shape, number, *numbers), strict=True)))
+        before[:] = made, known, got
 
     run_missions(config, shape, "photogrammetric", listen=look)
     return rows
 
 
+def by_rules(made: Prediction, at_m: Floats) -> float:
+    """What a further photograph from (1, 3) adds to the share that `nbv.geometry.stereo_chance` expects."""
+    had_m = made.model.camera_centers_m
+    places = had_m, np.concatenate([had_m, at_m - [0.0, 0.0, made.config.target.ground_m]])
+
+    def share(cameras_m: Floats) -> float:
+        seen, incidence = prediction._visibility(
+            made.samples_m, made.normals, cameras_m, made.config, made.solid
+        )
+        contrast = np.full(len(made.samples_m), prediction.CONTRAST)
+        of = seen, incidence, contrast, made._directions(cameras_m), made.config.dense
+        return float(reconstruction_probability(*of, prediction.ANGLE_DECAY_PER_DEG).mean())
+
+    return share(places[1]) - share(places[0])
+
+
 def report_gains(rows: list[dict[str, Any]]) -> list[str]:
     """Means over shapes of rank correlations over photographs, also with the order held fixed; means by what was promised, in points."""
-    promised, got = 100.0 * column(rows, "promised"), 100.0 * column(rows, "got")
-    of = np.array([row["shape"] for row in rows])
-    lines, each = list[str](), list[tuple[float, float, float]]()
-    for shape in dict.fromkeys(of):
-        p, g = promised[of == shape], got[of == shape]
-        order = -np.arange(len(g))
-        both, p_order, g_order = (spearmanr(*pair).statistic for pair in ((p, g), (p, order), (g, order)))
-        fixed = (both - p_order * g_order) / np.sqrt((1.0 - p_order**2) * (1.0 - g_order**2))
-        each.append((both, g_order, fixed))
-        lines.append(f"{shape}: rank correlation {both:.2f}, promised {p.sum():.1f}, got {g.sum():.1f}")
-    means = "mean rank correlation {:.2f}; of the order alone {:.2f}; with the order held fixed {:.2f}"
-    lines.append(means.format(*np.mean(each, axis=0)))
-    for low, high in itertools.pairwise((0.0, 1.0, 2.0, 4.0, 100.0)):
-        part = (promised >= low) & (promised < high)
-        if not part.any():
-            continue
+    of, got = np.array([row["shape"] for row in rows]), 100.0 * column(rows, "got")
+    lines = list[str]()
+    for name in PROMISES:
+        told, each = column(rows, name), list[tuple[float, float, float]]()
+        for shape in dict.fromkeys(of):
+            p, g = told[of == shape], got[of == shape]
+            order = -np.arange(len(g))
+            both, p_order, g_order = (spearmanr(*pair).statistic for pair in ((p, g), (p, order), (g, order)))
+            fixed = (both - p_order * g_order) / np.sqrt((1.0 - p_order**2) * (1.0 - g_order**2))
+            each.append((both, g_order, fixed))
+        means, low, high = np.mean(each, axis=0), np.min(each, axis=0), np.max(each, axis=0)
         lines.append(
-            f"{part.sum()} promise {low:g} to {high:g}: {promised[part].mean():.1f}, got {got[part].mean():.1f}"
+            f"{name}: rank correlation {means[0]:.2f} ({low[0]:.2f} to {high[0]:.2f}), with the order held fixed {means[2]:.2f}"
+            f" ({low[2]:.2f} to {high[2]:.2f}), of the order alone {means[1]:.2f}; sum {100.0 * told.sum() / len(each):.1f},"
+            f" got {got.sum() / len(each):.1f}"
         )
+    promised = 100.0 * column(rows, "promised")
+    for low_, high_ in itertools.pairwise((0.0, 1.0, 2.0, 4.0, 100.0)):
+        part = (promised >= low_) & (promised < high_)
+        if part.any():
+            means = promised[part].mean(), got[part].mean()
+            lines.append(
+                "{} promise {:g} to {:g}: {:.1f}, got {:.1f}".format(part.sum(), low_, high_, *means)
+            )
     return lines
 
 
@@ -161,28 +200,6 @@ def predict_without_the_rock(rows: list[dict[str, Any]]) -> None:
         weights = fit([row for row in rows if row["rock"] != rock])
         for row, value in zip(own, 1.0 / (1.0 + np.exp(-features(own) @ weights)), strict=True):
             row["predicted"] = float(value)
-
-
-def report(rows: list[dict[str, Any]]) -> list[str]:
-    """Rank correlation and mean absolute error, with 95 % bootstrap intervals over rocks."""
-    rocks = sorted({row["rock"] for row in rows})
-    of_rock = {rock: [row for row in rows if row["rock"] == rock] for rock in rocks}
-    measures = {
-        "rank correlation": lambda p, y: float(spearmanr(p, y).statistic),
-        "mean absolute error (points)": lambda p, y: 100.0 * float(np.abs(p - y).mean()),
-    }
-    lines = [f"{len(rows)} states of {len(rocks)} rocks"]
-    rng = np.random.default_rng(0)
-    draws = [
-        [row for k in rng.integers(0, len(rocks), len(rocks)) for row in of_rock[rocks[k]]]
-        for _ in range(BOOTSTRAP)
-    ]
-    for name, measure in measures.items():
-        value = measure(column(rows, "predicted"), column(rows, "completeness"))
-        each = [measure(column(draw, "predicted"), column(draw, "completeness")) for draw in draws]
-        low, high = np.nanpercentile(each, [2.5, 97.5])
-        lines.append(f"{name}: {value:.2f} [{low:.2f}, {high:.2f}]")
-    return lines + too_high(rows)
 
 
 def percent(rows: list[dict[str, Any]], name: str) -> Floats:
@@ -225,23 +242,9 @@ def main() -> None:
     if arguments.what == "fit":
         print(Calibration(*(round(float(w), 2) for w in fit(rows))))
         predict_without_the_rock(rows)
-    if arguments.what == "shapes":
-        print("\n".join(report(rows)))
-    else:
-        tell_families(rows)
+    print("\n".join(too_high(rows)))
     if arguments.out is not None:
         write_rows(arguments.out, HEAD, rows)
-
-
-def tell_families(rows: list[dict[str, Any]]) -> None:
-    """Print the report: of all, without clefts, of each family."""
-    family = {row["rock"]: row["rock"].rpartition("-")[0] for row in rows}
-    print("\n".join(report(rows)))
-    print("without clefts:", *report([row for row in rows if family[row["rock"]] != "cleft"]), sep="\n")
-    for name in sorted(set(family.values())):
-        own = [row for row in rows if family[row["rock"]] == name]
-        off = 100 * (column(own, "predicted") - column(own, "completeness"))
-        print(f"{name}: {off.mean():+.1f} points in the mean, {np.abs(off).mean():.1f} absolute")
 
 
 if __name__ == "__main__":

@@ -17,6 +17,7 @@ from nbv.config import MissionConfig
 from nbv.safe_files import json_ready, write_atomic
 from tuner.answer.evidence import ROCKS, SHAPES_WORD, Evidence, GateFacts, evidence_of, gate_facts
 from tuner.campaign.campaign import Campaign
+from tuner.campaign.mission_problem import procedural_rocks
 from tuner.comparison.statistics import same_photographs
 from tuner.missions.job import repeated
 from tuner.problem.baselines import (
@@ -32,6 +33,7 @@ from tuner.problem.intervals import MIN_ROCKS, Interval
 from tuner.recommendation.recommendation import MORE_FAILURES, Recommendation
 
 ANSWER_FILE = "answer.json"
+WORTH_KNOWING = 1.0  # a lead, in the metric's unit, that is worth more missions
 # Phases of trials, as a reader calls what chose them.
 CHOSEN_BY = {
     "default": "baselines",
@@ -276,7 +278,7 @@ def next_step(
 ) -> Next:
     """Return what to do now, and its command."""
     status, run = campaign.status(), shlex.quote(str(campaign.directory))
-    held_out = next((table for table in tables if table.held_out), None)
+    targets = next((table.targets for table in tables if table.held_out), ())
     if not found or (status.remaining and not status.exhausted):
         if status.failures and not status.complete:
             reason = max(status.failures, key=lambda r: status.failures[r])
@@ -293,16 +295,19 @@ def next_step(
             "Run more missions, or relax the constraint: nothing that was run is known to meet it.",
             f"gatetune campaign resume {run} --missions {2 * status.budget}",
         )
-    if held_out is None:
-        return Next(
-            "Evaluate it on held-out targets: all that counts so far ran where it was tuned.",
-            f"gatetune evaluate {run}",
+    if len(targets) < MIN_ROCKS:
+        few = (
+            f"more targets: {len(targets)} held-out target{'s' * (len(targets) > 1)} cannot stand for others"
         )
-    if len(held_out.targets) < MIN_ROCKS:
-        count = len(held_out.targets)
+        why = few if targets else "held-out targets: all that counts so far ran where it was tuned"
+        return Next(f"Evaluate it on {why}.", f"gatetune evaluate {run}")
+    drawn, leads = {*procedural_rocks("held-out")}, fly.leads if fly else {}
+    flown = drawn & {*targets}
+    lead = max((gain.mean for name, gain in leads.items() if name in ANSWERS), default=0.0)
+    if fly and lead >= WORTH_KNOWING and flown and flown != drawn and not drawn & campaign.rocks_seen():
         return Next(
-            f"Evaluate it on more targets: {count} held-out target{'s' * (count > 1)} cannot stand for others.",
-            f"gatetune evaluate {run}",
+            f"Evaluate it on {len(drawn)} held-out rocks: they may show whether the lead of {lead:.1f} is a difference.",
+            f"gatetune evaluate {run} --replicates 1 --against {campaign.settings.problem.reference} --against {fly.strategy}",
         )
     return Next("Export what to fly.", f"gatetune export {run}")
 

@@ -89,13 +89,8 @@ def _tuned(answer: Answer, fly: Advice) -> list[str]:
         )
     table = answer.tables[0] if answer.tables else None  # the held-out one, where there is one
     rows = () if table is None else table.rows
-    gate = next((row for row in rows if row.strategy == TUNED_GATE), None)
-    if (
-        table is not None
-        and gate is not None
-        and gate.strategy != fly.strategy
-        and gate.from_reference is not None
-    ):
+    gate = next((row for row in rows if row.strategy == TUNED_GATE != fly.strategy), None)
+    if table and gate and gate.from_reference is not None:
         where = counted(gate.from_reference.rocks, f"{'held-out' if table.held_out else 'training'} target")
         lines.append(
             f"The tuned gate, with the paper's seeds, has {difference_text(gate.from_reference)} {unit} against Hyb-H on {where}."
