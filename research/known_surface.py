@@ -8,7 +8,7 @@ chosen together on it before they are flown: one after another, then exchanged o
 
 from __future__ import annotations
 
-import sys
+import argparse
 from collections.abc import Callable
 from pathlib import Path
 
@@ -86,8 +86,12 @@ def together(solid: Solid, vertices_m: Floats, by_rules: bool) -> list[Viewpoint
     return [views[c] for c in chosen]
 
 
-def main(file: str, *targets: str) -> None:
-    carved, seeds_of, rows = prediction.carved, viewpoints.ViewpointSource.seeds, read(Path(file))
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
+    parser.add_argument("file", type=Path)
+    parser.add_argument("targets", nargs="*")
+    file, targets = parser.parse_args().file, parser.parse_args().targets
+    carved, seeds_of, rows = prediction.carved, viewpoints.ViewpointSource.seeds, read(file)
     asked = {CONTROL: plans(NUMBER)[CONTROL], "10 seeds, by *predicted*": TEN, KNOWN: TEN}
     asked |= {plan: {**TEN, "seeds": NUMBER} for plan in (PAIRS, RULES)}
     for target in targets:
@@ -104,9 +108,9 @@ def main(file: str, *targets: str) -> None:
             key = plan, target, NUMBER, 0
             rows[key] = {**dict(zip(HEAD, key)), **flown(COMMON.with_values(values), target, 0)}
             print(rows[key], flush=True)
-            write_rows(Path(file), HEAD, rows.values())
+            write_rows(file, HEAD, rows.values())
     print("\n".join(table(rows)))
 
 
 if __name__ == "__main__":
-    main(*sys.argv[1:])
+    main()

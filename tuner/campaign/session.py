@@ -9,7 +9,7 @@ import functools
 import itertools
 import shlex
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from typing import Any, NamedTuple
 
 from nbv.cache import KnownOnly
@@ -20,57 +20,51 @@ from tuner.missions.pool import Executor
 from tuner.missions.registry import BUILT_IN, kind_on, mission_kind
 from tuner.missions.run_jobs import JobList, Stop, long_run, run_jobs
 from tuner.problem.observations import Proposal, configuration_key, next_block, photographs_key
-from tuner.problem.search_space import Values
 from tuner.recommendation.recommendation import Recommendation
 
-# The recommendations without what has no effect: parameters whose default would have led to the same photographs.
-#
 # A gate that never switches makes its thresholds, and the weights of the scorer that it never asks, values of nothing: missions
 # whose every photograph is in the store tell which. The trials of simplified configurations repeat others and use no budget.
 
 
 def simplified(campaign: Campaign) -> list[Proposal]:
-    """Return trials of the recommendations with all values at their default that change no photograph of their own trials.
+    """Return what repeats the recommendations' trials with all values at their default that change no photograph of these."""
+    return [proposal for best in _distinct(campaign) for proposal in _simplified(campaign, best)]
 
-    They repeat these, and elsewhere what has been flown with other values of nothing; none is tried twice.
-    """
-    space, found = campaign.settings.space, campaign.recommendations(save=False).values()
-    distinct = {configuration_key(space, best.values): best for best in found}
-    return [proposal for best in distinct.values() for proposal in _simplified(campaign, best)]
+
+def unflown(campaign: Campaign) -> list[Proposal]:
+    """Return the recommendations on the training targets where they have not flown, no more than what is left of the budget."""
+    s, left = campaign.settings, campaign.status().remaining
+    flown = {(configuration_key(s.space, t.values), t.instance) for t in campaign.trials()}
+    blocks = ((best, instance) for best in _distinct(campaign) for instance in s.problem.instances)
+    missing = [(b, at) for b, at in blocks if (configuration_key(s.space, b.values), at) not in flown]
+    why = {"sampler": s.sampler, "phase": "verification"}
+    return [Proposal(dict(b.values), {**why, "region": b.name}, at, 0) for b, at in missing[:left]]
+
+
+def _distinct(campaign: Campaign) -> Collection[Recommendation]:
+    found = campaign.recommendations(save=False).values()
+    return {configuration_key(campaign.settings.space, best.values): best for best in found}.values()
 
 
 def _simplified(campaign: Campaign, best: Recommendation) -> list[Proposal]:
     s = campaign.settings
-    if best.keep_default:
-        return []
     trials, space = campaign.trials(), s.space
     best_trials = [t for t in trials if t.state == "complete" and t.values == best.values]
-    if not best_trials or not all(t.record.photographs for t in best_trials):
+    if best.keep_default or not best_trials or not all(t.record.photographs for t in best_trials):
         return []
-
-    def photographs(values: Values, t: Trial) -> str:
-        return known_photographs(campaign.job(t, s.problem.config(values, t.condition)))
-
     values, before = dict(best.values), None
     while values != before:  # one threshold may have no effect only where the other has its default
         before = values
         for paths in _parts(best.changed):
             reset = space.settled({**values, **{path: best.default_values[path] for path in paths}})
-            if reset != values and all(photographs(reset, t) == t.record.photographs for t in best_trials):
+            jobs = [campaign.job(t, s.problem.config(reset, t.condition)) for t in best_trials]
+            same = (known_photographs(job) == t.record.photographs for job, t in zip(jobs, best_trials))
+            if reset != values and all(same):
                 values = reset
-    idle = [path for path in best.changed if values[path] == best.default_values[path]]
-    metadata = {"sampler": s.sampler, "phase": "simplified", "without_effect": idle, "region": best.name}
-    own = {(t.instance, t.replicate) for t in best_trials}
-    flown = {(t.instance, t.replicate): t for t in trials if t.state == "complete"}
-    taken = {(t.instance, t.replicate, t.record.photographs) for t in trials if t.record.photographs}
+    metadata = {"sampler": s.sampler, "phase": "simplified", "region": best.name}
     tried = {(configuration_key(space, t.values), t.instance, t.replicate) for t in trials}
-    return [
-        Proposal(each, metadata, *block)
-        for each in ([values] if values == best.values else [values, dict(best.values)])
-        for block, t in flown.items()
-        if (configuration_key(space, each), *block) not in tried
-        if block in own or (*block, photographs(each, t)) in taken
-    ]
+    proposals = (Proposal(values, metadata, t.instance, t.replicate) for t in best_trials)
+    return [p for p in proposals if (configuration_key(space, values), p.instance, p.replicate) not in tried]
 
 
 def _parts(changed: Sequence[str]) -> list[tuple[str, ...]]:
@@ -103,7 +97,10 @@ _LAST_EVENT: dict[Ending, EventKind] = {
 }
 # After so many failures in a row the set-up must be wrong, not the configurations.
 MAX_CONSECUTIVE_FAILURES = 8
-SIMPLIFICATIONS = 5  # rounds at the end in which values without effect are reset, at most
+COMPLETING = (
+    15  # without a limit the last 1/15 of the budget flies what is recommended where it has not flown
+)
+ROUNDS = 6  # at most, in which values without effect are reset and the recommendations completed
 REFUSED = "configuration_refused"  # the reason of a trial whose values make no mission
 # With fewer workers a proposal is made when its worker is free, knowing all that has ended; with as many or more a batch is made
 # for all that are free, and for a `SHARE`th of the workers at least.
@@ -161,7 +158,7 @@ class _Session:
         self._search_ended: tuple[Ending, str] = "budget", "the budget is used"
         self._taken: set[Any] = set()  # the photographs of all trials that have ended
         self._repeats = 0  # trials that took none of their own: they use no budget
-        self._simplified = collections.deque[Proposal]()
+        self._last = collections.deque[Proposal]()
         finished = campaign.status().finished >= campaign.settings.budget
         self._reproducibility = ReproducibilityCheck(campaign, accept=self.accept_changes or finished)
         self._proposals = collections.deque[Proposal]()  # the rest of a batch
@@ -169,14 +166,17 @@ class _Session:
     def run(self, stop: Stop) -> CampaignSummary:
         self._stop = stop
         self._recover()
-        run_jobs(self, self.executor, stop)
-        for _ in range(SIMPLIFICATIONS):  # after one of them another configuration may be the best
-            if stop.is_set() or self.cancelled:
-                break
-            self._simplified.extend(stop.computed(lambda: simplified(self.campaign)) or ())
-            if not self._simplified:
-                break
+        budget, limited = self._settings.budget, self._settings.goal.second is not None
+        for self._limit in (budget if limited else budget - budget // COMPLETING, budget):
             run_jobs(self, self.executor, stop)
+            for _ in range(ROUNDS):  # after one of them another configuration may be the best
+                if stop.is_set() or self.cancelled or self._lost:
+                    break
+                last = stop.computed(lambda: simplified(self.campaign) or unflown(self.campaign))
+                self._last.extend(last or ())
+                if not self._last:
+                    break
+                run_jobs(self, self.executor, stop)
         if stop.is_set():
             waiting = f"{len(self._in_flight)} missions in flight will be run again by a resume"
             return self._end("interrupted", waiting)
@@ -262,10 +262,10 @@ class _Session:
         ``free``: workers without a mission.
         """
         trials, in_step = self._ledger.trials(), self._settings.in_step
-        left = self._settings.budget + self._repeats - len(trials)
+        left = self._limit + self._repeats - len(trials)
         started = time.monotonic()
-        if self._simplified:
-            proposal: Proposal | None = self._simplified.popleft()
+        if self._last:
+            proposal: Proposal | None = self._last.popleft()
         elif left <= 0 or (why := self.campaign.exhausted(trials)):
             self._search_ended = ("budget", "the budget is used") if left <= 0 else ("exhausted", why)
             return None
