@@ -4,12 +4,10 @@
     python -m research.predict_completeness shapes kept --out shapes.csv
     python -m research.predict_completeness gains part-20001 head-20000 --out gains.csv
 
-States of geometric missions: orbits, and plans on their way. The sparse model gives the prediction, the simulator the
-completeness at 48 mm of the observable surface. ``fit`` runs rocks of training seeds of all families and the shapes that may
-be fitted to, prints what is to be put into `nbv.scorers.prediction.Calibration` by hand, and predicts every rock by a fit
-without it. ``--rocks`` counts seeds of each family. ``shapes`` predicts the shapes of `research.other_shapes`. ``gains`` flies
-missions with photographs in `indoors`, and compares what *predicted* promises of each with what the dense cloud gets by it. A failed
-mission is left out.
+States of geometric missions: orbits, and plans on their way; completeness at 48 mm of the observable surface. ``fit`` prints the
+`nbv.scorers.prediction.Calibration` of training rocks and shapes, and predicts every rock by a fit without it; ``shapes`` predicts
+those of `research.other_shapes`. ``gains`` flies missions with photographs in `indoors`, and compares what *predicted* promises of
+each with what the dense cloud gets by it. A failed mission is left out.
 """
 
 from __future__ import annotations
@@ -40,11 +38,9 @@ from research.adaptive_plans import base, rocks_of, run_missions
 from research.known_surface import true_solid
 from research.other_shapes import KEPT, LATER, SEEN
 from research.planned_photographs import plans
+from tuner.problem.intervals import mean_interval
 
-NEVER = {
-    "stop.criterion": "predicted",
-    "stop.predicted_percent": 100.0,
-}  # stops a mission, but depth is asked for
+NEVER = {"stop.criterion": "predicted", "stop.predicted_percent": 100.0}  # stops, but depth is asked for
 TWO_RINGS = {"seed.upper_share": 0.36, "seed.span_deg": 25.0}
 PLANS: dict[str, dict[str, Any]] = {
     "orbit-16": {"photographs": 16, "seeds": 16},
@@ -52,8 +48,8 @@ PLANS: dict[str, dict[str, Any]] = {
     "two-rings-24": {"photographs": 24, "seeds": 24, **TWO_RINGS},
     "two-rings-40": {"photographs": 40, "seeds": 40, **TWO_RINGS},
     "adaptive": {"photographs": 48, "seeds": 12, "gate.kind": "predicted"},
+    "random": {"photographs": 48, "seeds": 12, "gate.kind": "random"},  # to compare with
 }
-ARMS = {"random": {**PLANS["adaptive"], "gate.kind": "random"}}  # to compare with
 ON_THE_WAY = (12, 16, 20, 24, 28, 32, 40, 48)
 HEAD = ("rock", "plan", "photographs", "completeness", "mean_chance", "unknown", "predicted")
 TEN_SEEDS = "10 seeds on the paper's rings, by *predicted*"
@@ -86,7 +82,7 @@ def states(rock: str) -> list[dict[str, Any]]:
         )
         rows.append(dict(zip(HEAD, values, strict=True)))
 
-    for name, planned in {**PLANS, **ARMS}.items():
+    for name, planned in PLANS.items():
         result = run_missions(base(**planned, **NEVER), rock, listen=functools.partial(look, name)).result
         if result.status == "failed":
             print(f"{rock} {name}: {result.reason}", flush=True)
@@ -127,25 +123,19 @@ def gains(shape: str, photographs: int = 24) -> list[dict[str, Any]]:
 
 def by_rules(made: Prediction, at_m: Floats) -> float:
     """What a further photograph from (1, 3) adds to the share that `nbv.geometry.stereo_chance` expects."""
-    had_m = made.model.camera_centers_m
-    places = had_m, np.concatenate([had_m, at_m - [0.0, 0.0, made.config.target.ground_m]])
-
-    def share(cameras_m: Floats) -> float:
-        seen, incidence = prediction._visibility(
-            made.samples_m, made.normals, cameras_m, made.config, made.solid
-        )
-        contrast = np.full(len(made.samples_m), prediction.CONTRAST)
-        of = seen, incidence, contrast, made._directions(cameras_m), made.config.dense
-        return float(reconstruction_probability(*of, prediction.ANGLE_DECAY_PER_DEG).mean())
-
-    return share(places[1]) - share(places[0])
+    cameras_m = np.concatenate([made.model.camera_centers_m, at_m - [0.0, 0.0, made.config.target.ground_m]])
+    seen, incidence = prediction._visibility(made.samples_m, made.normals, cameras_m, made.config, made.solid)
+    contrast = np.full(len(made.samples_m), prediction.CONTRAST)
+    of = seen, incidence, contrast, made._directions(cameras_m), made.config.dense
+    after = reconstruction_probability(*of, prediction.ANGLE_DECAY_PER_DEG)
+    return float(after.mean() - made.chance.mean())
 
 
 def report_gains(rows: list[dict[str, Any]]) -> list[str]:
     """Means over shapes of rank correlations over photographs, also with the order held fixed; means by what was promised, in points."""
     of, got = np.array([row["shape"] for row in rows]), 100.0 * column(rows, "got")
-    lines = list[str]()
-    for name in PROMISES:
+    promised, lines, first = 100.0 * column(rows, "promised"), list[str](), list[tuple[float, float, float]]()
+    for name in (name for name in PROMISES if name in rows[0]):
         told, each = column(rows, name), list[tuple[float, float, float]]()
         for shape in dict.fromkeys(of):
             p, g = told[of == shape], got[of == shape]
@@ -154,12 +144,13 @@ def report_gains(rows: list[dict[str, Any]]) -> list[str]:
             fixed = (both - p_order * g_order) / np.sqrt((1.0 - p_order**2) * (1.0 - g_order**2))
             each.append((both, g_order, fixed))
         means, low, high = np.mean(each, axis=0), np.min(each, axis=0), np.max(each, axis=0)
+        first = each if name == PROMISES[0] else first
+        gap = mean_interval({str(k): [x[2] - y[2]] for k, (x, y) in enumerate(zip(first, each))})
         lines.append(
             f"{name}: rank correlation {means[0]:.2f} ({low[0]:.2f} to {high[0]:.2f}), with the order held fixed {means[2]:.2f}"
-            f" ({low[2]:.2f} to {high[2]:.2f}), of the order alone {means[1]:.2f}; sum {100.0 * told.sum() / len(each):.1f},"
+            f" (promised minus this: {gap and f'{gap.mean:.2f} [{gap.low:.2f}, {gap.high:.2f}]'}), of the order alone {means[1]:.2f}; sum {100.0 * told.sum() / len(each):.1f},"
             f" got {got.sum() / len(each):.1f}"
         )
-    promised = 100.0 * column(rows, "promised")
     for low_, high_ in itertools.pairwise((0.0, 1.0, 2.0, 4.0, 100.0)):
         part = (promised >= low_) & (promised < high_)
         if part.any():
