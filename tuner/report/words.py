@@ -11,7 +11,7 @@ from tuner.answer.answer import Advice, Answer, AnswerTable
 from tuner.problem.baselines import in_table_order, is_ablation, is_orbit, label
 from tuner.problem.intervals import Interval
 from tuner.problem.observations import short
-from tuner.problem.search_space import TUNED_GATE
+from tuner.problem.search_space import TUNED, TUNED_GATE
 from tuner.report.labels import (
     Cell,
     Label,
@@ -100,7 +100,7 @@ def _tuned(answer: Answer, fly: Advice) -> list[str]:
 
 def name_in_text(strategy: str) -> str:
     """A strategy inside a sentence: ``the tuned planner``, ``Hyb-H``, ``the orbit at 15°``."""
-    name = label(strategy)
+    name = "Tuned configuration" if strategy == TUNED else label(strategy)
     if strategy.startswith("tuned") or is_orbit(strategy):
         return f"the {name[:1].lower()}{name[1:]}"
     return name[:1].lower() + name[1:] if name.startswith("Random") else name
@@ -225,7 +225,7 @@ def legend(tables: Iterable[AnswerTable]) -> str:
 
 def interval_words(gains: Sequence[Interval]) -> str:
     methods = [METHODS[m] for m in ("rocks", "replicates", "none") if any(g.method == m for g in gains)]
-    return f"95 % intervals {', '.join(methods)}"
+    return f"95 % intervals {', '.join(methods or [METHODS['none']])}"
 
 
 def parameters_table(name: str, rows: Sequence[ParameterRow], metric: Label) -> Table:

@@ -97,6 +97,11 @@ def test_a_campaign_that_is_there_is_not_run_with_other_settings(tmp_path, monke
     refused("budget is 6 there, not 12", app, [*words, "12"], standalone_mode=False)
 
 
+def test_words_where_there_is_one_answer_and_no_interval() -> None:
+    assert words.name_in_text("tuned") == "the tuned configuration"
+    assert "too few missions" in words.legend([])
+
+
 def test_campaign_of_failures_alone_has_a_page(tmp_path: Path) -> None:
     page = write_campaign_report(evaluated(tmp_path / "run", rocks=("fail",), budget=20))
     text = text_of(page)
