@@ -1,6 +1,6 @@
 """How often does `make tune` find its best gate? Campaigns of many seeds on an emulator of its missions.
 
-    python -m research.emulated_campaigns docs/results/data/plan_and_gate_trials.csv --seeds 16 --many 16 14
+    python -m research.emulated_campaigns docs/results/data/plan_and_gate_trials.csv --seeds 16
     python -m research.emulated_campaigns trials.csv --collect runs/tune runs/tune-1     # the emulator's data, from campaigns
     python -m research.emulated_campaigns trials.csv --geometric     # how geometric missions rank these, target by target
 
@@ -17,6 +17,7 @@ from __future__ import annotations
 import argparse
 import hashlib
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -25,14 +26,13 @@ from scipy.stats import spearmanr
 from sklearn.ensemble import ExtraTreesRegressor
 
 from nbv.geometric import run_geometric_mission
-from nbv.types import Floats
 from research import read_rows, write_rows
 from tuner.campaign.campaign import Campaign
+from tuner.campaign.session import COMPLETING
 from tuner.campaign.settings_file import QUICK, resolved_settings
 from tuner.problem.observations import Observation, next_block
 from tuner.recommendation.choose import recommend
 from tuner.samplers import base as samplers
-from tuner.surrogate import model as surrogate
 
 ROCKS: list[str] = QUICK["rocks"]
 NUMBER: int = QUICK["overrides"]["photographs"]
@@ -116,19 +116,27 @@ def campaign(emulator: Emulator, seed: int, missions: int) -> dict[str, float]:
     s = resolved_settings(tree, "emulated")
     sampler, problem = samplers.make_sampler("gp", s.search), s.problem
     history, running = list[Observation](), list[Observation]()
-    while len(history) < s.budget:
-        while len(running) < 2 and len(history) + len(running) < s.budget:
-            proposal = sampler.ask(history, running)
-            instance, k = next_block(problem.instances, problem.replicates, [*history, *running], proposal)
-            number = len(history) + len(running)
-            running.append(
-                Observation(number, proposal.values, instance.rock, k, condition=instance.condition)
-            )
-        o = running.pop(0)
+
+    def flown(o: Observation) -> Observation:
         y = emulator.outcome(o.values, o.rock)
-        history.append(Observation(o.number, o.values, o.rock, o.replicate, y, y, condition=o.condition))
-    default = emulator.mean(problem.default)
-    return {n: emulator.mean(b.values) - default for n, b in recommend(problem, s.goal, history).items()}
+        return replace(o, outcome=y, second=y)
+
+    for limit in (s.budget - s.budget // COMPLETING, s.budget):  # as `tuner.campaign.session`
+        while len(history) < limit:
+            while len(running) < 2 and len(history) + len(running) < limit:
+                proposal, number = sampler.ask(history, running), len(history) + len(running)
+                at, k = next_block(problem.instances, problem.replicates, [*history, *running], proposal)
+                running.append(Observation(number, proposal.values, at.rock, k, condition=at.condition))
+            history.append(flown(running.pop(0)))
+        for best in recommend(problem, s.goal, history).values():
+            ran = {o.instance for o in history if o.values == best.values}
+            for at in [at for at in problem.instances if at not in ran][: s.budget - len(history)]:
+                o = Observation(len(history), best.values, at.rock, 0, condition=at.condition)
+                history.append(flown(o))
+    default, found = emulator.mean(problem.default), recommend(problem, s.goal, history)
+    targets = {name: len({o.rock for o in history if o.values == b.values}) for name, b in found.items()}
+    print(f"seed {seed}, on so many targets: {targets}")
+    return {n: emulator.mean(b.values) - default for n, b in found.items()}
 
 
 def collect(runs: Sequence[str], file: Path) -> None:
@@ -174,9 +182,6 @@ def main() -> None:
     parser.add_argument("--collect", nargs="*", default=[])
     parser.add_argument("--seeds", type=int, default=8)
     parser.add_argument("--missions", type=int, default=64)
-    parser.add_argument(
-        "--many", type=int, nargs="*", default=[surrogate.MANY_PARAMETERS], help="values of MANY_PARAMETERS"
-    )
     parser.add_argument("--geometric", action="store_true", help="rank correlation of geometric missions")
     parser.add_argument("--inside", action="store_true", help="best weights inside their ranges")
     asked = parser.parse_args()
@@ -188,22 +193,17 @@ def main() -> None:
         return
     emulator = Emulator(read(asked.file), inside=asked.inside)
     print(f"{emulator.trials} distinct missions, R2 out of bag {emulator.r2:.2f}")
-    gains: dict[int, Floats] = {}
-    for many in asked.many:
-        surrogate.MANY_PARAMETERS = samplers.MANY_PARAMETERS = many
-        found = []
-        for seed in range(asked.seeds):
-            gain = campaign(emulator, seed, asked.missions)
-            print(many, seed, {name: round(value, 2) for name, value in gain.items()}, flush=True)
-            found.append(list(gain.values()))
-        gains[many] = np.array(found)
-    best = max(each.max() for each in gains.values())
-    print(f"|sparse from|tuned gate, mean gain|least|tuned planner|least|gate found (≥ {FOUND * best:.1f})|")
-    print("|-:|-:|-:|-:|-:|-:|")
-    for many, each in gains.items():
-        means, least, count = each.mean(axis=0), each.min(axis=0), int((each[:, 0] >= FOUND * best).sum())
-        cells = [many, *(f"{x:.1f}" for pair in zip(means, least) for x in pair), f"{count} of {len(each)}"]
-        print("|".join(["", *map(str, cells), ""]))
+    gains = []
+    for seed in range(asked.seeds):
+        gain = campaign(emulator, seed, asked.missions)
+        print({name: round(value, 2) for name, value in gain.items()}, flush=True)
+        gains.append([*gain.values()])
+    each = np.array(gains)
+    best, means, least = FOUND * each.max(), each.mean(axis=0), each.min(axis=0)
+    print(f"|tuned gate, mean gain|least|tuned planner|least|gate found (≥ {best:.1f})|")
+    print("|-:|-:|-:|-:|-:|")
+    cells = [f"{x:.1f}" for pair in zip(means, least) for x in pair]
+    print("|".join(["", *cells, f"{int((each[:, 0] >= best).sum())} of {len(each)}", ""]))
 
 
 if __name__ == "__main__":

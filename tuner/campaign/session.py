@@ -32,13 +32,18 @@ def simplified(campaign: Campaign) -> list[Proposal]:
 
 
 def unflown(campaign: Campaign) -> list[Proposal]:
-    """Return the recommendations on the training targets where they have not flown, no more than what is left of the budget."""
-    s, left = campaign.settings, campaign.status().remaining
-    flown = {(configuration_key(s.space, t.values), t.instance) for t in campaign.trials()}
-    blocks = ((best, instance) for best in _distinct(campaign) for instance in s.problem.instances)
-    missing = [(b, at) for b, at in blocks if (configuration_key(s.space, b.values), at) not in flown]
+    """Return the recommendations on training targets where they have not flown: all that repeat others, else what is left to fly."""
+    s, trials = campaign.settings, campaign.trials()
+    ran = {(configuration_key(s.space, t.values), t.instance) for t in trials}
+    at = {t.instance: t for t in trials if t.replicate == 0 and t.record.status}
+    blocks = ((best, t) for best in _distinct(campaign) for t in at.values())
+    missing = [(b, t) for b, t in blocks if (configuration_key(s.space, b.values), t.instance) not in ran]
+    taken = {(t.instance, t.replicate, t.record.photographs) for t in trials if t.record.photographs}
+    jobs = [campaign.job(t, s.problem.config(b.values, t.condition)) for b, t in missing]
+    again = [x for x, job in zip(missing, jobs) if (x[1].instance, 0, known_photographs(job)) in taken]
     why = {"sampler": s.sampler, "phase": "verification"}
-    return [Proposal(dict(b.values), {**why, "region": b.name}, at, 0) for b, at in missing[:left]]
+    chosen = again or missing[: campaign.status().remaining]
+    return [Proposal(dict(b.values), {**why, "region": b.name}, t.instance, 0) for b, t in chosen]
 
 
 def _distinct(campaign: Campaign) -> Collection[Recommendation]:
@@ -89,18 +94,11 @@ def known_photographs(job: MissionJob) -> str:
     return "" if result.status == "failed" else photographs_key(job.config, chosen)
 
 
-_LAST_EVENT: dict[Ending, EventKind] = {
-    "budget": "done",
-    "exhausted": "done",
-    "failing": "stopped",
-    "interrupted": "interrupted",
-}
+_LAST_EVENT: dict[Ending, EventKind] = {"failing": "stopped", "interrupted": "interrupted"}  # else done
 # After so many failures in a row the set-up must be wrong, not the configurations.
 MAX_CONSECUTIVE_FAILURES = 8
-COMPLETING = (
-    15  # without a limit the last 1/15 of the budget flies what is recommended where it has not flown
-)
-ROUNDS = 6  # at most, in which values without effect are reset and the recommendations completed
+COMPLETING = 15  # without a limit 1/15 of the budget flies what is recommended where it has not flown
+ROUNDS = 10  # at most, in which values without effect are reset and the recommendations completed
 REFUSED = "configuration_refused"  # the reason of a trial whose values make no mission
 # With fewer workers a proposal is made when its worker is free, knowing all that has ended; with as many or more a batch is made
 # for all that are free, and for a `SHARE`th of the workers at least.
@@ -197,7 +195,8 @@ class _Session:
     def _end(self, stopped: Ending, message: str) -> CampaignSummary:
         # Who interrupts waits for the prompt: no recommendation is made.
         best = None if stopped == "interrupted" else self.campaign.recommendation()
-        self._emit(_LAST_EVENT[stopped], recommendation=best, message="" if stopped == "budget" else message)
+        event, said = _LAST_EVENT.get(stopped, "done"), "" if stopped == "budget" else message
+        self._emit(event, recommendation=best, message=said)
         elapsed_s = time.monotonic() - self._began
         return CampaignSummary(stopped, message, elapsed_s, self._ask_s, self.campaign.status(), best)
 

@@ -32,9 +32,8 @@ from tuner.samplers.base import (
 from tuner.surrogate.fit import numerics
 from tuner.surrogate.model import InstanceMeanGP
 
-# The search runs a new configuration with every mission, and one that ran once may not be recommended
-# (``tuner.recommendation.choose``). The last missions of a budget therefore run the regions' favourites on blocks (instance, replicate)
-# that they have not seen; under a constraint so do those of the last third, where exploring promises less than a mission's noise.
+# A configuration that ran once may not be recommended (``tuner.recommendation.choose``). Near the end of a budget the regions'
+# favourites therefore run on blocks (instance, replicate) that they have not seen; under a constraint in its whole last third.
 
 
 def verification(
@@ -51,10 +50,9 @@ def verification(
 ) -> Proposal | None:
     """Return the favourite on a block that it has not run, in an instance that it has run least; None where exploring is worth more.
 
-    ``model``: of the objective. ``region``: whose favourite. ``replicates``: per instance, numbered from 0.
-    ``expected_gain``: what the best mission of the search promises, objective's unit; infinite where that is
-    not known; exploring is worth more where that is more than the noise of a mission. ``last``: whether to verify whatever exploring
-    promises. ``favourites``: those already known by this model, by region; this one is entered.
+    ``expected_gain``: what the best mission of the search promises, objective's unit, infinite where that is not known; exploring is
+    worth more where that is more than the noise of a mission. ``last``: whether to verify whatever exploring promises.
+    ``favourites``: those already known by this model, by region; this one is entered.
     """
     if expected_gain >= model.noise_sd and not last:
         return None
