@@ -121,18 +121,20 @@ def campaign(emulator: Emulator, seed: int, missions: int) -> dict[str, float]:
         y = emulator.outcome(o.values, o.rock)
         return replace(o, outcome=y, second=y)
 
-    for limit in (s.budget - s.budget // COMPLETING, s.budget):  # as `tuner.campaign.session`
-        while len(history) < limit:
-            while len(running) < 2 and len(history) + len(running) < limit:
-                proposal, number = sampler.ask(history, running), len(history) + len(running)
-                at, k = next_block(problem.instances, problem.replicates, [*history, *running], proposal)
-                running.append(Observation(number, proposal.values, at.rock, k, condition=at.condition))
-            history.append(flown(running.pop(0)))
-        for best in recommend(problem, s.goal, history).values():
-            ran = {o.instance for o in history if o.values == best.values}
-            for at in [at for at in problem.instances if at not in ran][: s.budget - len(history)]:
-                o = Observation(len(history), best.values, at.rock, 0, condition=at.condition)
-                history.append(flown(o))
+    while len(history) < s.budget:
+        while len(running) < 2 and len(history) + len(running) < s.budget:
+            proposal, number = sampler.ask(history, running), len(history) + len(running)
+            at, k = next_block(problem.instances, problem.replicates, [*history, *running], proposal)
+            running.append(Observation(number, proposal.values, at.rock, k, condition=at.condition))
+        history.append(flown(running.pop(0)))
+    while left := s.budget + s.budget // COMPLETING - len(history):  # as `tuner.campaign.session`
+        best = recommend(problem, s.goal, history).values()
+        ran = {(tuple(o.values.items()), o.instance) for o in history}
+        blocks = [(b.values, at) for b in best for at in problem.instances]
+        if not (missing := [(v, at) for v, at in blocks if (tuple(v.items()), at) not in ran]):
+            break
+        for v, at in missing[:left]:
+            history.append(flown(Observation(len(history), v, at.rock, 0, condition=at.condition)))
     default, found = emulator.mean(problem.default), recommend(problem, s.goal, history)
     targets = {name: len({o.rock for o in history if o.values == b.values}) for name, b in found.items()}
     print(f"seed {seed}, on so many targets: {targets}")
@@ -183,7 +185,7 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=8)
     parser.add_argument("--missions", type=int, default=64)
     parser.add_argument("--geometric", action="store_true", help="rank correlation of geometric missions")
-    parser.add_argument("--inside", action="store_true", help="best weights inside their ranges")
+    parser.add_argument("--inside", action="store_true")
     asked = parser.parse_args()
     if asked.collect:
         collect(asked.collect, asked.file)

@@ -205,7 +205,9 @@ class Campaign:
         is_open = len(trials) > len(done) or len(done) - repeats >= self.settings.budget
         return CampaignStatus(
             name=self.settings.name,
-            budget=self.settings.budget,
+            budget=max(
+                self.settings.budget, len(done) - repeats
+            ),  # what is recommended may be completed behind it
             complete=len(values),
             failed=len(done) - len(values),
             running=len(trials) - len(done),

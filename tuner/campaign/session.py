@@ -9,7 +9,7 @@ import functools
 import itertools
 import shlex
 import time
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 from nbv.cache import KnownOnly
@@ -19,7 +19,7 @@ from tuner.missions.job import MissionJob, Trial, load_trial
 from tuner.missions.pool import Executor
 from tuner.missions.registry import BUILT_IN, kind_on, mission_kind
 from tuner.missions.run_jobs import JobList, Stop, long_run, run_jobs
-from tuner.problem.observations import Proposal, configuration_key, next_block, photographs_key
+from tuner.problem.observations import Key, Proposal, configuration_key, next_block, photographs_key
 from tuner.recommendation.recommendation import Recommendation
 
 # A gate that never switches makes its thresholds, and the weights of the scorer that it never asks, values of nothing: missions
@@ -28,27 +28,29 @@ from tuner.recommendation.recommendation import Recommendation
 
 def simplified(campaign: Campaign) -> list[Proposal]:
     """Return what repeats the recommendations' trials with all values at their default that change no photograph of these."""
-    return [proposal for best in _distinct(campaign) for proposal in _simplified(campaign, best)]
+    return [proposal for best in _distinct(campaign).values() for proposal in _simplified(campaign, best)]
 
 
 def unflown(campaign: Campaign) -> list[Proposal]:
-    """Return the recommendations on training targets where they have not flown: all that repeat others, else what is left to fly."""
+    """Return the recommendations on training targets where they have not flown: all that repeat others, else a few."""
     s, trials = campaign.settings, campaign.trials()
-    ran = {(configuration_key(s.space, t.values), t.instance) for t in trials}
-    at = {t.instance: t for t in trials if t.replicate == 0 and t.record.status}
-    blocks = ((best, t) for best in _distinct(campaign) for t in at.values())
-    missing = [(b, t) for b, t in blocks if (configuration_key(s.space, b.values), t.instance) not in ran]
+    ran = {(configuration_key(s.space, t.values), t.instance, t.replicate) for t in trials}
+    at = {(t.instance, t.replicate): t for t in trials if t.record.status}
+    blocks = ((b, key, t) for key, b in _distinct(campaign).items() for t in at.values())
+    missing = [(b, t) for b, key, t in blocks if (key, t.instance, t.replicate) not in ran]
     taken = {(t.instance, t.replicate, t.record.photographs) for t in trials if t.record.photographs}
     jobs = [campaign.job(t, s.problem.config(b.values, t.condition)) for b, t in missing]
-    again = [x for x, job in zip(missing, jobs) if (x[1].instance, 0, known_photographs(job)) in taken]
+    known = [(t.instance, t.replicate, known_photographs(job)) for (_, t), job in zip(missing, jobs)]
+    again = [x for x, photographs in zip(missing, known) if photographs in taken]
     why = {"sampler": s.sampler, "phase": "verification"}
-    chosen = again or missing[: campaign.status().remaining]
-    return [Proposal(dict(b.values), {**why, "region": b.name}, t.instance, 0) for b, t in chosen]
+    left = s.budget + s.budget // COMPLETING - campaign.status().finished
+    chosen = again or [(b, t) for b, t in missing if t.replicate == 0][: max(0, left)]
+    return [Proposal(dict(b.values), {**why, "region": b.name}, t.instance, t.replicate) for b, t in chosen]
 
 
-def _distinct(campaign: Campaign) -> Collection[Recommendation]:
+def _distinct(campaign: Campaign) -> dict[Key, Recommendation]:
     found = campaign.recommendations(save=False).values()
-    return {configuration_key(campaign.settings.space, best.values): best for best in found}.values()
+    return {configuration_key(campaign.settings.space, best.values): best for best in found}
 
 
 def _simplified(campaign: Campaign, best: Recommendation) -> list[Proposal]:
@@ -97,7 +99,7 @@ def known_photographs(job: MissionJob) -> str:
 _LAST_EVENT: dict[Ending, EventKind] = {"failing": "stopped", "interrupted": "interrupted"}  # else done
 # After so many failures in a row the set-up must be wrong, not the configurations.
 MAX_CONSECUTIVE_FAILURES = 8
-COMPLETING = 15  # without a limit 1/15 of the budget flies what is recommended where it has not flown
+COMPLETING = 15  # behind the budget 1/15 of it, at most, flies what is recommended where it has not flown
 ROUNDS = 10  # at most, in which values without effect are reset and the recommendations completed
 REFUSED = "configuration_refused"  # the reason of a trial whose values make no mission
 # With fewer workers a proposal is made when its worker is free, knowing all that has ended; with as many or more a batch is made
@@ -164,17 +166,15 @@ class _Session:
     def run(self, stop: Stop) -> CampaignSummary:
         self._stop = stop
         self._recover()
-        budget, limited = self._settings.budget, self._settings.goal.second is not None
-        for self._limit in (budget if limited else budget - budget // COMPLETING, budget):
+        run_jobs(self, self.executor, stop)
+        for _ in range(ROUNDS):  # after one of them another configuration may be the best
+            if stop.is_set() or self.cancelled or self._lost:
+                break
+            last = stop.computed(lambda: simplified(self.campaign) or unflown(self.campaign))
+            self._last.extend(last or ())
+            if not self._last:
+                break
             run_jobs(self, self.executor, stop)
-            for _ in range(ROUNDS):  # after one of them another configuration may be the best
-                if stop.is_set() or self.cancelled or self._lost:
-                    break
-                last = stop.computed(lambda: simplified(self.campaign) or unflown(self.campaign))
-                self._last.extend(last or ())
-                if not self._last:
-                    break
-                run_jobs(self, self.executor, stop)
         if stop.is_set():
             waiting = f"{len(self._in_flight)} missions in flight will be run again by a resume"
             return self._end("interrupted", waiting)
@@ -261,7 +261,7 @@ class _Session:
         ``free``: workers without a mission.
         """
         trials, in_step = self._ledger.trials(), self._settings.in_step
-        left = self._limit + self._repeats - len(trials)
+        left = self._settings.budget + self._repeats - len(trials)
         started = time.monotonic()
         if self._last:
             proposal: Proposal | None = self._last.popleft()
@@ -331,7 +331,7 @@ class _Session:
         recommendation: Recommendation | None = None,
         message: str = "",
     ) -> None:
-        elapsed_s, budget = time.monotonic() - self._began, self._settings.budget
+        elapsed_s, budget = time.monotonic() - self._began, max(self._settings.budget, self._finished)
         self.on_event(CampaignEvent(kind, elapsed_s, self._finished, budget, trial, recommendation, message))
 
 

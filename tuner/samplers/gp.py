@@ -98,7 +98,9 @@ REPEATS_BEFORE_EXPLORING = 4
 # Missions in flight up to which an acquisition is asked: a proposal then takes a fifth of a second.
 MAX_JOINT = 128
 VERIFICATION_BEGINS = 2 / 3  # of the budget, under a constraint
-LEAST_VERIFIED = 2  # missions that run favourites again: a tenth of the budget, but at least so many
+LAST_VERIFIED = (
+    2  # missions that run favourites again where there is no constraint; then the campaign completes them
+)
 # Of a batch; half of it where that is more and there is one objective. Drawn ones take no time.
 SEQUENTIAL = 4
 
@@ -186,9 +188,7 @@ class GPSampler:
         if s.budget is None:
             return None
         number = missions_asked(history, running) - sum(o.repeat for o in history)
-        last = max(LEAST_VERIFIED, s.budget // 10)
-        if constraint is not None:
-            last = len(problem.rocks) * problem.replicates
+        last = LAST_VERIFIED if constraint is None else len(problem.rocks) * problem.replicates
         if number < (s.budget - last if constraint is None else VERIFICATION_BEGINS * s.budget):
             return None
         region = problem.answers[-1 - (s.budget - 1 - number) % len(problem.answers)]
