@@ -28,7 +28,7 @@ from sklearn.ensemble import ExtraTreesRegressor
 from nbv.geometric import run_geometric_mission
 from research import read_rows, write_rows
 from tuner.campaign.campaign import Campaign
-from tuner.campaign.session import COMPLETING
+from tuner.campaign.session import VERIFY
 from tuner.campaign.settings_file import QUICK, resolved_settings
 from tuner.problem.observations import Observation, next_block
 from tuner.recommendation.choose import recommend
@@ -127,7 +127,8 @@ def campaign(emulator: Emulator, seed: int, missions: int) -> dict[str, float]:
             at, k = next_block(problem.instances, problem.replicates, [*history, *running], proposal)
             running.append(Observation(number, proposal.values, at.rock, k, condition=at.condition))
         history.append(flown(running.pop(0)))
-    while left := s.budget + s.budget // COMPLETING - len(history):  # as `tuner.campaign.session`
+    more = max(0, s.budget // VERIFY - samplers.LAST_VERIFIED)  # as `tuner.campaign.session`
+    while left := s.budget + more - len(history):
         best = recommend(problem, s.goal, history).values()
         ran = {(tuple(o.values.items()), o.instance) for o in history}
         blocks = [(b.values, at) for b in best for at in problem.instances]
@@ -136,9 +137,13 @@ def campaign(emulator: Emulator, seed: int, missions: int) -> dict[str, float]:
         for v, at in missing[:left]:
             history.append(flown(Observation(len(history), v, at.rock, 0, condition=at.condition)))
     default, found = emulator.mean(problem.default), recommend(problem, s.goal, history)
-    targets = {name: len({o.rock for o in history if o.values == b.values}) for name, b in found.items()}
-    print(f"seed {seed}, on so many targets: {targets}")
-    return {n: emulator.mean(b.values) - default for n, b in found.items()}
+    targets = {n: len({o.rock for o in history if o.values == b.values}) for n, b in found.items()}
+    gains = {n: emulator.mean(b.values) - default for n, b in found.items()}
+    print(
+        f"seed {seed}: { ({n: round(gain, 2) for n, gain in gains.items()}) }, on so many targets: {targets}",
+        flush=True,
+    )
+    return gains
 
 
 def collect(runs: Sequence[str], file: Path) -> None:
@@ -185,7 +190,7 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=8)
     parser.add_argument("--missions", type=int, default=64)
     parser.add_argument("--geometric", action="store_true", help="rank correlation of geometric missions")
-    parser.add_argument("--inside", action="store_true")
+    parser.add_argument("--inside", action="store_true", help="best weights inside their ranges")
     asked = parser.parse_args()
     if asked.collect:
         collect(asked.collect, asked.file)
@@ -195,12 +200,7 @@ def main() -> None:
         return
     emulator = Emulator(read(asked.file), inside=asked.inside)
     print(f"{emulator.trials} distinct missions, R2 out of bag {emulator.r2:.2f}")
-    gains = []
-    for seed in range(asked.seeds):
-        gain = campaign(emulator, seed, asked.missions)
-        print({name: round(value, 2) for name, value in gain.items()}, flush=True)
-        gains.append([*gain.values()])
-    each = np.array(gains)
+    each = np.array([[*campaign(emulator, k, asked.missions).values()] for k in range(asked.seeds)])
     best, means, least = FOUND * each.max(), each.mean(axis=0), each.min(axis=0)
     print(f"|tuned gate, mean gain|least|tuned planner|least|gate found (≥ {best:.1f})|")
     print("|-:|-:|-:|-:|-:|")

@@ -18,9 +18,7 @@ pytestmark = pytest.mark.slow
 # What the page's reader has: a scan of their own.
 SCANS = ("scan.obj", "other.obj", "path/to/apollo_15016.obj")
 PAGE = SMALL | {"against": "hyb-h"}  # one baseline, where a page names none
-DRAWN = PAGE | {
-    "sampler": "sobol"
-}  # proposals take seconds: where a page is not about them, none is computed
+DRAWN = PAGE | {"sampler": "sobol"}  # proposals take seconds: these pages are not about them
 PAGES = {
     "README.md": PAGE,
     "docs/tutorial.md": PAGE,

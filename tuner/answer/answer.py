@@ -295,10 +295,8 @@ def next_step(
             "Run more missions, or relax the constraint: nothing that was run is known to meet it.",
             f"gatetune campaign resume {run} --missions {2 * status.budget}",
         )
-    if len(targets) < MIN_ROCKS:
-        few = (
-            f"more targets: {len(targets)} held-out target{'s' * (len(targets) > 1)} cannot stand for others"
-        )
+    if (count := len(targets)) < MIN_ROCKS:
+        few = f"more targets: {count} held-out target{'s' * (count > 1)} cannot stand for others"
         why = few if targets else "held-out targets: all that counts so far ran where it was tuned"
         return Next(f"Evaluate it on {why}.", f"gatetune evaluate {run}")
     drawn, leads = {*procedural_rocks("held-out")}, fly.leads if fly else {}

@@ -38,7 +38,7 @@ from tuner.campaign.settings_file import (
 )
 from tuner.missions.job import MissionJob, Trial, repeated
 from tuner.missions.run_jobs import exclusive
-from tuner.problem.observations import Observation, Proposal, configuration_key
+from tuner.problem.observations import Observation, Proposal, blocks_evaluated
 from tuner.recommendation.recommendation import Recommendation
 from tuner.samplers.base import EarlierMissions, Sampler, SamplerSettings, ask_many, make_sampler
 
@@ -205,9 +205,7 @@ class Campaign:
         is_open = len(trials) > len(done) or len(done) - repeats >= self.settings.budget
         return CampaignStatus(
             name=self.settings.name,
-            budget=max(
-                self.settings.budget, len(done) - repeats
-            ),  # what is recommended may be completed behind it
+            budget=max(self.settings.budget, len(done) - repeats),  # the recommended are completed behind it
             complete=len(values),
             failed=len(done) - len(values),
             running=len(trials) - len(done),
@@ -237,8 +235,8 @@ class Campaign:
         every = p.space.size * len(p.instances) * p.replicates
         if len(trials) < every:
             return ""
-        run = {(configuration_key(p.space, t.values), t.instance, t.replicate) for t in trials}
-        if sum(replicate < p.replicates for _, _, replicate in run) < every:
+        run = blocks_evaluated(p.space, trials).values()
+        if sum(replicate < p.replicates for blocks in run for _, replicate in blocks) < every:
             return ""
         return (
             f"all {p.space.size:.0f} configurations have run with every replicate: the other "

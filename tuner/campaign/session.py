@@ -19,8 +19,17 @@ from tuner.missions.job import MissionJob, Trial, load_trial
 from tuner.missions.pool import Executor
 from tuner.missions.registry import BUILT_IN, kind_on, mission_kind
 from tuner.missions.run_jobs import JobList, Stop, long_run, run_jobs
-from tuner.problem.observations import Key, Proposal, configuration_key, next_block, photographs_key
+from tuner.problem.observations import (
+    Key,
+    Proposal,
+    blocks_evaluated,
+    configuration_key,
+    next_block,
+    photographs_key,
+)
+from tuner.problem.search_space import Values
 from tuner.recommendation.recommendation import Recommendation
+from tuner.samplers.base import LAST_VERIFIED
 
 # A gate that never switches makes its thresholds, and the weights of the scorer that it never asks, values of nothing: missions
 # whose every photograph is in the store tell which. The trials of simplified configurations repeat others and use no budget.
@@ -33,18 +42,17 @@ def simplified(campaign: Campaign) -> list[Proposal]:
 
 def unflown(campaign: Campaign) -> list[Proposal]:
     """Return the recommendations on training targets where they have not flown: all that repeat others, else a few."""
-    s, trials = campaign.settings, campaign.trials()
-    ran = {(configuration_key(s.space, t.values), t.instance, t.replicate) for t in trials}
+    trials, s = campaign.trials(), campaign.settings
+    ran = blocks_evaluated(s.space, trials)
     at = {(t.instance, t.replicate): t for t in trials if t.record.status}
     blocks = ((b, key, t) for key, b in _distinct(campaign).items() for t in at.values())
-    missing = [(b, t) for b, key, t in blocks if (key, t.instance, t.replicate) not in ran]
+    missing = [(b, t) for b, key, t in blocks if (t.instance, t.replicate) not in ran[key]]
     taken = {(t.instance, t.replicate, t.record.photographs) for t in trials if t.record.photographs}
-    jobs = [campaign.job(t, s.problem.config(b.values, t.condition)) for b, t in missing]
-    known = [(t.instance, t.replicate, known_photographs(job)) for (_, t), job in zip(missing, jobs)]
+    known = [(t.instance, t.replicate, known_photographs(campaign, b.values, t)) for b, t in missing]
     again = [x for x, photographs in zip(missing, known) if photographs in taken]
-    why = {"sampler": s.sampler, "phase": "verification"}
-    left = s.budget + s.budget // COMPLETING - campaign.status().finished
+    left = s.budget + max(0, s.budget // VERIFY - LAST_VERIFIED) - campaign.status().finished
     chosen = again or [(b, t) for b, t in missing if t.replicate == 0][: max(0, left)]
+    why = {"sampler": s.sampler, "phase": "verification"}
     return [Proposal(dict(b.values), {**why, "region": b.name}, t.instance, t.replicate) for b, t in chosen]
 
 
@@ -54,24 +62,22 @@ def _distinct(campaign: Campaign) -> dict[Key, Recommendation]:
 
 
 def _simplified(campaign: Campaign, best: Recommendation) -> list[Proposal]:
-    s = campaign.settings
-    trials, space = campaign.trials(), s.space
-    best_trials = [t for t in trials if t.state == "complete" and t.values == best.values]
-    if best.keep_default or not best_trials or not all(t.record.photographs for t in best_trials):
+    space, trials = campaign.settings.space, campaign.trials()
+    own = [t for t in trials if t.state == "complete" and t.values == best.values]
+    photographs = functools.partial(known_photographs, campaign)
+    if best.keep_default or not own or not all(t.record.photographs for t in own):
         return []
     values, before = dict(best.values), None
     while values != before:  # one threshold may have no effect only where the other has its default
         before = values
         for paths in _parts(best.changed):
             reset = space.settled({**values, **{path: best.default_values[path] for path in paths}})
-            jobs = [campaign.job(t, s.problem.config(reset, t.condition)) for t in best_trials]
-            same = (known_photographs(job) == t.record.photographs for job, t in zip(jobs, best_trials))
-            if reset != values and all(same):
+            if reset != values and all(photographs(reset, t) == t.record.photographs for t in own):
                 values = reset
-    metadata = {"sampler": s.sampler, "phase": "simplified", "region": best.name}
-    tried = {(configuration_key(space, t.values), t.instance, t.replicate) for t in trials}
-    proposals = (Proposal(values, metadata, t.instance, t.replicate) for t in best_trials)
-    return [p for p in proposals if (configuration_key(space, values), p.instance, p.replicate) not in tried]
+    ran = blocks_evaluated(space, trials)[configuration_key(space, values)]
+    metadata = {"sampler": campaign.settings.sampler, "phase": "simplified", "region": best.name}
+    blocks = [(t.instance, t.replicate) for t in own]
+    return [Proposal(values, metadata, *block) for block in blocks if block not in ran]
 
 
 def _parts(changed: Sequence[str]) -> list[tuple[str, ...]]:
@@ -80,11 +86,12 @@ def _parts(changed: Sequence[str]) -> list[tuple[str, ...]]:
     return [*(tuple(paths) for _, paths in sections), *((path,) for path in changed)]
 
 
-def known_photographs(job: MissionJob) -> str:
-    """Return the `photographs_key` of a mission that repeats an earlier one; in a tenth of a second, for nothing is computed.
+def known_photographs(campaign: Campaign, values: Values, t: Trial) -> str:
+    """Return the `photographs_key` of values on a trial's block, if it repeats a mission; in a tenth of a second: nothing is computed.
 
     The text is empty where a model or a photograph of it has never been made here, or where the mission fails.
     """
+    job = campaign.job(t, campaign.settings.problem.config(values, t.condition))
     if job.fidelity not in BUILT_IN:  # a plug-in's missions keep nothing in the store
         return ""
     run = kind_on(job.rock, job.fidelity)
@@ -99,7 +106,7 @@ def known_photographs(job: MissionJob) -> str:
 _LAST_EVENT: dict[Ending, EventKind] = {"failing": "stopped", "interrupted": "interrupted"}  # else done
 # After so many failures in a row the set-up must be wrong, not the configurations.
 MAX_CONSECUTIVE_FAILURES = 8
-COMPLETING = 15  # behind the budget 1/15 of it, at most, flies what is recommended where it has not flown
+VERIFY = 10  # a tenth of the budget, at most: the sampler's last missions, and what completes the recommended behind it
 ROUNDS = 10  # at most, in which values without effect are reset and the recommendations completed
 REFUSED = "configuration_refused"  # the reason of a trial whose values make no mission
 # With fewer workers a proposal is made when its worker is free, knowing all that has ended; with as many or more a batch is made

@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from tuner.surrogate.model import InstanceMeanGP
 
 
+LAST_VERIFIED = 2  # last missions of sampler gp, without a constraint: its favourites once more
 # Where missions were run before a campaign, elsewhere, a design this short has so many of the best of them right after
 # the default (docs/results/index.md).
 WITH_EARLIER, FROM_EARLIER = 6, 4

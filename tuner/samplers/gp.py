@@ -19,6 +19,7 @@ from tuner.problem.observations import Observation, Proposal, next_block
 from tuner.problem.search_space import Region, Values
 from tuner.recommendation.choose import JOINT, TOP
 from tuner.samplers.base import (
+    LAST_VERIFIED,
     SamplerSettings,
     derived_seed,
     in_flight,
@@ -98,9 +99,6 @@ REPEATS_BEFORE_EXPLORING = 4
 # Missions in flight up to which an acquisition is asked: a proposal then takes a fifth of a second.
 MAX_JOINT = 128
 VERIFICATION_BEGINS = 2 / 3  # of the budget, under a constraint
-LAST_VERIFIED = (
-    2  # missions that run favourites again where there is no constraint; then the campaign completes them
-)
 # Of a batch; half of it where that is more and there is one objective. Drawn ones take no time.
 SEQUENTIAL = 4
 

@@ -96,8 +96,8 @@ def test_the_papers_strategies_fly_the_papers_rings(number: int) -> None:
 
 def test_the_model_chooses_at_least_half_of_the_missions(campaign: Campaign) -> None:
     chosen = answer_of(campaign).chosen_by
-    assert 30 <= sum(chosen.values()) <= 32
-    assert chosen["model"] >= 15 and chosen["baselines"] <= 7 and chosen["verification"] <= 4
+    assert 30 <= sum(chosen.values()) <= 31
+    assert chosen["model"] >= 15 and chosen["baselines"] <= 7 and chosen["verification"] <= 3
     gate = campaign.recommended()[TUNED_GATE].values
     assert {t.rock for t in campaign.trials() if t.values == gate} == {"a", "b", "c"}, "flown on every target"
 
