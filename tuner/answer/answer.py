@@ -34,6 +34,7 @@ from tuner.recommendation.recommendation import MORE_FAILURES, Recommendation
 
 ANSWER_FILE = "answer.json"
 WORTH_KNOWING = 1.0  # a lead, in the metric's unit, that is worth more missions
+BEST_ORBITS = ("orbit-middle", "orbit-high")  # that one has to lead
 # Phases of trials, as a reader calls what chose them.
 CHOSEN_BY = {
     "default": "baselines",
@@ -239,9 +240,10 @@ def best_plain(evidence: Evidence, plain: Sequence[str]) -> str:
 
 
 def flight_of(evidence: Evidence, found: Mapping[str, Recommendation], number: int) -> Advice | None:
-    """Return what to fly: the simplest plan, unless another one is shown to be better on the missions that both flew."""
+    """Return the simplest plan, unless one is shown to be better on shared missions, a tuned one than the best plain plan as well."""
     tuned = [name for name in ANSWERS if name in found and evidence.missions(name)]
-    plans = [*plain_plans(evidence, number), *tuned]
+    plain = plain_plans(evidence, number)
+    plans = [*plain, *tuned]
     plans = [name for name in plans if name not in tuned or not found[name].missed] or plans
     if not plans:
         return None
@@ -249,6 +251,9 @@ def flight_of(evidence: Evidence, found: Mapping[str, Recommendation], number: i
     for name in plans[1:]:
         if is_better(evidence, name, fly):
             fly = name
+    best = best_plain(evidence, plain)
+    if fly in tuned and best and not is_better(evidence, fly, best):  # better than the simplest alone
+        fly = best
     against = {name: evidence.gain(fly, name) for name in plans if name != fly}
     leads = {
         name: gain.reversed for name, gain in against.items() if gain is not None and round(gain.mean, 1) < 0
@@ -302,10 +307,11 @@ def next_step(
     drawn, leads = {*procedural_rocks("held-out")}, fly.leads if fly else {}
     flown = drawn & {*targets}
     lead = max((gain.mean for name, gain in leads.items() if name in ANSWERS), default=0.0)
-    if fly and lead >= WORTH_KNOWING and flown and flown != drawn and not drawn & campaign.rocks_seen():
+    against = (campaign.settings.problem.reference, *([fly.strategy] if fly else []), *BEST_ORBITS)
+    if lead >= WORTH_KNOWING and flown and flown != drawn and not drawn & campaign.rocks_seen():
         return Next(
             f"Evaluate it on {len(drawn)} held-out rocks: they may show whether the lead of {lead:.1f} is a difference.",
-            f"gatetune evaluate {run} --replicates 1 --against {campaign.settings.problem.reference} --against {fly.strategy}",
+            " --against ".join([f"gatetune evaluate {run} --replicates 1", *dict.fromkeys(against)]),
         )
     return Next("Export what to fly.", f"gatetune export {run}")
 

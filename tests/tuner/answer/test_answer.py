@@ -186,6 +186,14 @@ def test_a_lead_that_is_not_shown_is_worth_more_targets(campaign, lead, targets,
     assert step.command.split()[1] == says
 
 
+def test_a_tuned_plan_has_to_be_better_than_the_best_plain_one(campaign: Campaign) -> None:
+    """Between the two orbits, and between the better one and the tuned plan, nothing is shown."""
+    high, gate = ({"a": 1.5, "b": 0.2, "c": 1.9, "d": 0.1}, dict.fromkeys(EVEN, 1.0))
+    scores = {"orbit-middle": EVEN, TUNED_GATE: plus(gate)}
+    assert fly(campaign, scores).strategy == TUNED_GATE
+    assert fly(campaign, {**scores, "orbit-high": plus(high)}).strategy == "orbit-high"
+
+
 def test_plans_are_compared_on_missions_that_both_flew(campaign: Campaign) -> None:
     """One more, easy target of another plan changes nothing."""
     better = plus(dict.fromkeys("abc", 1.0)) | {"d": 97.7}
