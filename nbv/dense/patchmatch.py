@@ -17,12 +17,15 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import lazy_loader
 import numpy as np
 from PIL import Image as PillowImage
 
-# cv2 (through stereo) before pycolmap, which functions import: the other order makes libpng crash the process.
+# cv2 (through stereo) before pycolmap, which loads when it is used: the other order makes libpng crash the process.
 from nbv.dense.stereo import DepthMaps, PosedViews, pixel_matrix
 from nbv.errors import MissionFailure, UserError
+
+pycolmap: Any = lazy_loader.load("pycolmap")  # half a second, wasted where no card is asked for
 
 # The NVIDIA cards of this machine: one dense stage at a time on each, in a process of its own.
 #
@@ -62,8 +65,6 @@ pycolmap.patch_match_stereo(sys.argv[1], options=options)
 
 def require_cuda() -> None:
     """`UserError` where the installed pycolmap has no CUDA."""
-    import pycolmap  # noqa: PLC0415  half a second, wasted where no card is asked for
-
     if not pycolmap.has_cuda:
         raise UserError(
             'dense.backend=patchmatch needs a pycolmap with CUDA: run `pip install "gatetune[cuda]"` on a '
@@ -198,14 +199,9 @@ def write_workspace(workspace: Path, views: PosedViews) -> None:
     COLMAP's stereo reads pixel centres at integers, so the principal point is written half a pixel off the sparse
     convention.
     """
-    for folder in (
-        "images",
-        "sparse",
-        *(f"stereo/{n}" for n in ("depth_maps", "normal_maps", "consistency_graphs")),
-    ):
+    results = (f"stereo/{name}" for name in ("depth_maps", "normal_maps", "consistency_graphs"))
+    for folder in ("images", "sparse", *results):
         (workspace / folder).mkdir(parents=True)
-    import pycolmap  # noqa: PLC0415
-
     matrix = pixel_matrix(views.camera)
     model = pycolmap.Reconstruction()
     model.add_camera_with_trivial_rig(
@@ -228,8 +224,6 @@ def write_workspace(workspace: Path, views: PosedViews) -> None:
 
 def read_depth_maps(workspace: Path, names: Sequence[str]) -> DepthMaps:
     """COLMAP's depths (H, W) in metres by view; NaN where it has none. Views without a file are left out."""
-    import pycolmap  # noqa: PLC0415
-
     maps = {}
     for name in sorted(names):
         file = workspace / "stereo" / "depth_maps" / f"{file_name(name)}.photometric.bin"

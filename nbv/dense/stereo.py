@@ -15,8 +15,8 @@ from functools import cached_property
 
 import cv2
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from nbv.config import CameraConfig, DenseConfig
 from nbv.geometry.frames import angles_deg, camera_centers_m, directions_from, intrinsic_matrix
@@ -263,7 +263,9 @@ def points_to_search(
     points = points[away_m <= config.crop_half_width_m]
     if len(points) < _FEWEST_POINTS:
         return None
-    nearest = cKDTree(points).query(points, k=_COMPANIONS + 1, distance_upper_bound=SEARCH_MARGIN_M)[0]
+    nearest = scipy.spatial.cKDTree(points).query(
+        points, k=_COMPANIONS + 1, distance_upper_bound=SEARCH_MARGIN_M
+    )[0]
     points = points[np.isfinite(nearest[:, -1])]
     return points if len(points) >= _FEWEST_POINTS else None
 

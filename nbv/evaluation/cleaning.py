@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
-from scipy.spatial import cKDTree
+import scipy
 
 from nbv.config import EvaluationConfig
 from nbv.errors import MissionFailure
@@ -184,8 +182,10 @@ def _stray(points_m: Floats, radius_m: float) -> Bools:
     # One number a cube: sorting rows takes ten times as long.
     cubes, cube_of = np.unique(np.ravel_multi_index(indices.T, extent), return_inverse=True)
     places = np.stack(np.unravel_index(cubes, extent), axis=1)
-    pairs = cKDTree(places).query_pairs(1.0, p=np.inf, output_type="ndarray")
-    touching = coo_array((np.ones(len(pairs), dtype=bool), tuple(pairs.T)), shape=(len(cubes), len(cubes)))
-    cluster = connected_components(touching, directed=False)[1][cube_of]
+    pairs = scipy.spatial.cKDTree(places).query_pairs(1.0, p=np.inf, output_type="ndarray")
+    touching = scipy.sparse.coo_array(
+        (np.ones(len(pairs), dtype=bool), tuple(pairs.T)), shape=(len(cubes), len(cubes))
+    )
+    cluster = scipy.sparse.csgraph.connected_components(touching, directed=False)[1][cube_of]
     stray: Bools = np.bincount(cluster)[cluster] < CLUSTER_POINTS
     return stray

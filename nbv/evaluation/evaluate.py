@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.spatial import cKDTree
+import scipy
 
 from nbv.cache import Store
 from nbv.config import MissionConfig
@@ -64,14 +64,14 @@ def register_cloud(points_m: Floats, truth_m: Floats, reaches_m: tuple[float, ..
     for reach_m in reaches_m:
         count = COARSE_POINTS if reach_m >= _FINE_REACH_M else MAX_POINTS
         cloud, truth = (_picked(np.asarray(p, dtype=float), count) for p in (points_m, truth_m))
-        to_truth = cKDTree(truth)
+        to_truth = scipy.spatial.cKDTree(truth)
         moved = truth_from_cloud.apply(cloud)
         for _ in range(ROUNDS):
             forward_m, nearest = to_truth.query(moved, distance_upper_bound=reach_m)
             ahead = np.isfinite(forward_m)
             source, target = cloud[ahead], truth[nearest[ahead]]
             if reach_m <= _FINE_REACH_M:
-                backward_m, owner = cKDTree(moved).query(truth, distance_upper_bound=reach_m)
+                backward_m, owner = scipy.spatial.cKDTree(moved).query(truth, distance_upper_bound=reach_m)
                 behind = np.isfinite(backward_m)
                 source = np.concatenate([source, cloud[owner[behind]]])
                 target = np.concatenate([target, truth[behind]])

@@ -9,7 +9,7 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
-from scipy.special import ndtr, ndtri
+import scipy
 
 from nbv.config import FlightConfig, MissionConfig
 from nbv.flight.leg import (
@@ -299,8 +299,8 @@ def arrival_position(viewpoint: Viewpoint, limits: FlightConfig, key: tuple[str,
     depend on when or from where the viewpoint is flown to. Never below ``min_camera_altitude_m``.
     """
     uniform = keyed_rng("arrival", *key, viewpoint.id).random(3)
-    edge = ndtr(-SIGMAS_IN_TOLERANCE)
-    sigmas = ndtri(edge + uniform * (1.0 - 2.0 * edge))
+    edge = scipy.special.ndtr(-SIGMAS_IN_TOLERANCE)
+    sigmas = scipy.special.ndtri(edge + uniform * (1.0 - 2.0 * edge))
     position: Floats = (
         np.array(viewpoint.position_m) + limits.arrival_tolerance_m / SIGMAS_IN_TOLERANCE * sigmas
     )

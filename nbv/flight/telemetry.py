@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from scipy.spatial.transform import Rotation
+import scipy
 
 from nbv.config import TelemetryConfig
 from nbv.geometry.frames import invert_rigid
@@ -54,7 +54,8 @@ class TelemetryErrors:
         lever_m = np.array([along * east - left * north, along * north + left * east, up])
         position_m = world_from_reported[:3, 3] - error_m + lever_m
         position_m[2] = max(position_m[2], self._min_altitude_m)
-        tilt = Rotation.from_rotvec(np.deg2rad(c.attitude_noise_deg) * normal[3:]).as_matrix()
+        about = np.deg2rad(c.attitude_noise_deg) * normal[3:]
+        tilt = scipy.spatial.transform.Rotation.from_rotvec(about).as_matrix()
         true = np.eye(4)
         true[:3, :3] = tilt @ reported[:3, :3]
         true[:3, 3] = -true[:3, :3] @ position_m

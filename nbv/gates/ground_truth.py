@@ -8,8 +8,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from nbv.config import MissionConfig
 from nbv.geometry.frames import directions_from
@@ -109,7 +109,8 @@ class GroundTruthOracle:
             points = points[((points >= low) & (points <= high)).all(axis=1)]
             if len(points) == 0:
                 return Coverage(np.zeros(len(self.samples_m), dtype=bool), visited)
-            distance, _ = cKDTree(points).query(self.samples_m, distance_upper_bound=limit * (1 + 1e-12))
+            tree = scipy.spatial.cKDTree(points)
+            distance, _ = tree.query(self.samples_m, distance_upper_bound=limit * (1 + 1e-12))
             return Coverage(distance <= limit, visited)
         if mode == "matchable":
             partners = self._matchable_partners(visited)

@@ -13,8 +13,8 @@ from functools import cache, cached_property, lru_cache
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from nbv.cache import Arrays, Recent, Store, cached
 from nbv.config import CameraConfig, MissionConfig
@@ -371,7 +371,7 @@ def _build(rock: Rock, config: MissionConfig, caster: RayCaster) -> Arrays:
     # The ground's texture is fine and even; what differs is the light on it.
     lit = shade.light(ground, np.tile([0.0, 0.0, 1.0], (len(ground), 1)))
     ground_contrast = 0.15 * lit / max(config.scene.ambient + config.scene.sun_irradiance, 1e-9)
-    distances, neighbours = cKDTree(samples).query(samples, k=SAMPLE_NEIGHBOURS)
+    distances, neighbours = scipy.spatial.cKDTree(samples).query(samples, k=SAMPLE_NEIGHBOURS)
     return {
         "landmarks_m": landmarks,
         "landmark_normals": normals,
@@ -430,7 +430,7 @@ class _Shading:
         normals = vertex_normals(rock.vertices_m, rock.faces)
         self._facing = np.maximum(normals @ self._to_sun, 0.0)
         self._grey = rock.albedo.mean(axis=1).astype(float)
-        self._tree = cKDTree(rock.vertices_m)
+        self._tree = scipy.spatial.cKDTree(rock.vertices_m)
 
     def in_sun(self, points_m: Floats, normals: Floats) -> Bools:
         """(N,) points that the rock does not shade."""

@@ -5,8 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.ndimage import binary_dilation, gaussian_filter
-from scipy.spatial import ConvexHull
+import scipy
 
 from nbv.types import Bools, Floats, Ints
 
@@ -38,7 +37,7 @@ class Solid:
         index = np.argwhere(self.cells & free)
         if len(index) > count:
             index = index[np.sort(rng.choice(len(index), count, replace=False))]
-        smooth = gaussian_filter(padded.astype(np.float32), 1.0, mode="nearest")
+        smooth = scipy.ndimage.gaussian_filter(padded.astype(np.float32), 1.0, mode="nearest")
         at = tuple((index + 1).T)
         normals = -np.stack([np.gradient(smooth, axis=axis)[at] for axis in range(3)], axis=1).astype(float)
         normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-9)
@@ -46,7 +45,8 @@ class Solid:
         flat = np.ravel_multi_index(tuple(index.T), self.cells.shape)
         cell_of = _cells(known_m, self.low_m, shape, self.cell_m)
         places = np.bincount(cell_of, minlength=self.cells.size)
-        here, shown = places[flat], binary_dilation(places.reshape(self.cells.shape) > 0)[tuple(index.T)]
+        shown = scipy.ndimage.binary_dilation(places.reshape(self.cells.shape) > 0)[tuple(index.T)]
+        here = places[flat]
         sums = [np.bincount(cell_of, known_m[:, k], minlength=self.cells.size)[flat] for k in range(3)]
         middles = self.low_m + (index + 0.5) * self.cell_m
         means = np.stack(sums, axis=1) / np.maximum(here, 1)[:, None]
@@ -84,7 +84,7 @@ class Solid:
 
 
 def carved(
-    hull: ConvexHull,
+    hull: scipy.spatial.ConvexHull,
     points_m: Floats,
     cameras_m: Floats,
     seen_m: Floats,
@@ -111,7 +111,7 @@ def carved(
     return Solid(low, cell_m, solid.reshape(shape))
 
 
-def _inside(hull: ConvexHull, low: Floats, shape: Ints, cell_m: float) -> Bools:
+def _inside(hull: scipy.spatial.ConvexHull, low: Floats, shape: Ints, cell_m: float) -> Bools:
     """(X * Y * Z,) which cells' centres lie in a convex solid: between its facets, column by column."""
     x, y, z = (low[k] + (np.arange(shape[k]) + 0.5) * cell_m for k in range(3))
     columns = np.stack([*np.meshgrid(x, y, indexing="ij"), np.ones((len(x), len(y)))], axis=-1).reshape(-1, 3)

@@ -5,14 +5,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+import lazy_loader
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 
 from nbv.errors import UserError
 from nbv.process import keyed_rng
 from nbv.types import Bools, Floats, Floats32, Ints
+
+o3d: Any = lazy_loader.load("open3d")  # a planner on a vehicle does without it
 
 # Points by the voxel that they lie in.
 
@@ -51,8 +53,6 @@ class RayCaster:
     """One mesh of vertices (V, 3) and faces (F, 3)."""
 
     def __init__(self, vertices_m: NDArray[np.floating], faces: NDArray[np.integer]) -> None:
-        import open3d as o3d  # noqa: PLC0415  a planner on a vehicle does without it
-
         self._scene = o3d.t.geometry.RaycastingScene(nthreads=1)
         self._scene.add_triangles(_tensor(vertices_m, np.float32), _tensor(faces, np.uint32))
 
@@ -72,8 +72,6 @@ class RayCaster:
 
 def _tensor(values: NDArray[Any], dtype: type = np.float32) -> Any:
     # A copy where the array is read-only, as rocks are: Open3D would not take it.
-    import open3d as o3d  # noqa: PLC0415
-
     return o3d.core.Tensor.from_numpy(np.require(values, dtype, ["C", "W"]))
 
 
@@ -178,8 +176,8 @@ def body_labels(faces: Ints) -> Ints:
     n = len(faces)
     rows, columns = face_ids, n + edge_ids
     size = n + int(edge_ids.max(initial=0)) + 1
-    graph = coo_matrix((np.ones(len(rows), dtype=np.int8), (rows, columns)), shape=(size, size))
-    return np.asarray(connected_components(graph, directed=False)[1][:n], dtype=np.int64)
+    graph = scipy.sparse.coo_matrix((np.ones(len(rows), dtype=np.int8), (rows, columns)), shape=(size, size))
+    return np.asarray(scipy.sparse.csgraph.connected_components(graph, directed=False)[1][:n], dtype=np.int64)
 
 
 def drop_unused_vertices(vertices: Floats, faces: Ints) -> tuple[Floats, Ints]:

@@ -9,7 +9,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial import cKDTree
+import scipy
 
 from nbv.geometry.frames import directions_from
 from nbv.geometry.visibility import without_isolated
@@ -200,10 +200,10 @@ def _most_votes(places_m: Floats, heights_m: Floats, aim_m: Floats) -> int:
     cell_of = cell_of.reshape(-1)
     # Two points are nearer than their cells by half a diagonal each.
     reach_m = RADIUS_M + 1.001 * np.sqrt(2.0) * _CELL_M
-    near_cells = cKDTree(cells * _CELL_M).query_ball_point(cells * _CELL_M, reach_m)
+    near_cells = scipy.spatial.cKDTree(cells * _CELL_M).query_ball_point(cells * _CELL_M, reach_m)
     cell_heights_m = np.bincount(cell_of, weights=heights_m)
     bounds = np.array([cell_heights_m[near].sum() for near in near_cells])[cell_of] * nearness * (1 + 1e-9)
-    tree, best_vote, best = cKDTree(places_m), -np.inf, len(places_m)
+    tree, best_vote, best = scipy.spatial.cKDTree(places_m), -np.inf, len(places_m)
     order = np.argsort(-bounds, kind="stable")
     for start in range(0, len(order), _BATCH):
         batch = order[start : start + _BATCH]

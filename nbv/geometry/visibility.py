@@ -11,8 +11,8 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from nbv.config import CameraConfig, DenseConfig, MissionConfig
 from nbv.geometry.frames import directions_from
@@ -73,11 +73,12 @@ def nearest_neighbours(points_m: Floats, queries_m: Floats, k: int = 1) -> tuple
 
     (Q,) for ``k = 1``. Several times faster than a plain query on large clouds.
     """
-    tree = cKDTree(points_m, leafsize=_LEAF if k > 1 else _LEAF_FOR_ONE)
+    tree = scipy.spatial.cKDTree(points_m, leafsize=_LEAF if k > 1 else _LEAF_FOR_ONE)
     if queries_m is points_m:
         order = tree.indices
     else:
-        order = cKDTree(queries_m, leafsize=_LEAF, balanced_tree=False, compact_nodes=False).indices
+        how = {"leafsize": _LEAF, "balanced_tree": False, "compact_nodes": False}
+        order = scipy.spatial.cKDTree(queries_m, **how).indices
     sorted_distances, sorted_indices = tree.query(queries_m[order], k=k, workers=1)
     distances, indices = np.empty_like(sorted_distances), np.empty_like(sorted_indices)
     distances[order], indices[order] = sorted_distances, sorted_indices
@@ -88,7 +89,7 @@ def without_isolated(points_m: Floats, within_m: float) -> Floats:
     """Of points (N, 3) those with two others within ``within_m``; all of fewer than three."""
     if len(points_m) < 3:
         return points_m
-    return np.asarray(points_m[cKDTree(points_m).query(points_m, k=3)[0][:, -1] <= within_m])
+    return np.asarray(points_m[scipy.spatial.cKDTree(points_m).query(points_m, k=3)[0][:, -1] <= within_m])
 
 
 def neighbour_distances(points_m: Floats, k: int) -> Floats:

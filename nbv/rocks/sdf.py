@@ -10,8 +10,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial import cKDTree
-from scipy.spatial.transform import Rotation
+import scipy
 
 from nbv.rocks.rock import DEFAULT_HEIGHT_M, Split
 from nbv.rocks.texture import Paint, octaves
@@ -34,7 +33,8 @@ class Recipe:
 
 def rotation(yaw_deg: float = 0.0, pitch_deg: float = 0.0, roll_deg: float = 0.0) -> Floats:
     """(3, 3) rotation: about x by roll, then y by pitch, then z by yaw."""
-    return np.asarray(Rotation.from_euler("xyz", [roll_deg, pitch_deg, yaw_deg], degrees=True).as_matrix())
+    turned = scipy.spatial.transform.Rotation.from_euler("xyz", [roll_deg, pitch_deg, yaw_deg], degrees=True)
+    return np.asarray(turned.as_matrix())
 
 
 def _about(points: Floats, center: Sequence[float] | Floats, turn: Floats | None) -> Floats:
@@ -111,7 +111,7 @@ def spheres(points: Floats, centers: Floats, radii: Floats) -> Floats:
     |p - c|^2 - r^2 is least for the nearest neighbour of (p, 0) among (c, sqrt(r_max^2 - r^2)).
     """
     lifted = np.column_stack([centers, np.sqrt(radii.max() ** 2 - radii**2)])
-    tree = cKDTree(lifted)
+    tree = scipy.spatial.cKDTree(lifted)
     _, nearest = tree.query(np.column_stack([points, np.zeros(len(points))]))
     return np.linalg.norm(points - centers[nearest], axis=1) - radii[nearest]
 

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TypeVar
 
 import cv2
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw
-from scipy.ndimage import distance_transform_edt, map_coordinates
 
 from nbv.safe_files import require
 from nbv.types import Floats, Floats32
@@ -74,7 +75,7 @@ def fill_gutters(image: Linear, corner_uv: Floats) -> Linear:
     unused = ~np.asarray(mask)
     if not unused.any() or unused.all():
         return image
-    rows, columns = distance_transform_edt(unused, return_distances=False, return_indices=True)
+    rows, columns = scipy.ndimage.distance_transform_edt(unused, return_distances=False, return_indices=True)
     return image[rows, columns]
 
 
@@ -84,7 +85,8 @@ def sample(image: Linear, uv: Floats) -> Linear:
     at = np.stack([(1.0 - uv[:, 1]) * height - 0.5, uv[:, 0] * width - 0.5])
     # A coordinate of exactly 1 means the last texel, not the first of the next repetition.
     mode = "grid-wrap" if uv.size and (uv.min() < 0 or uv.max() > 1) else "nearest"
-    return np.stack([map_coordinates(image[..., c], at, order=1, mode=mode) for c in range(3)], axis=1)
+    at_places = functools.partial(scipy.ndimage.map_coordinates, coordinates=at, order=1, mode=mode)
+    return np.stack([at_places(image[..., c]) for c in range(3)], axis=1)
 
 
 def texel_side(image: Linear, corner_uv: Floats, area: float) -> float:

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.spatial import ConvexHull, cKDTree
+import scipy
 
 from nbv.config import DenseConfig, MissionConfig
 from nbv.geometry.carving import Solid, carved
@@ -190,7 +190,7 @@ def predict(model: SparseModel, config: MissionConfig) -> Prediction:
     target, sphere = np.array(config.target_m), ball(config)
     if len(on_rock) >= FEWEST_POINTS:
         sphere = target + BALL_WITHIN * (sphere - target)
-    hull = ConvexHull(np.concatenate([on_rock, sphere]))
+    hull = scipy.spatial.ConvexHull(np.concatenate([on_rock, sphere]))
     ends = np.concatenate([np.repeat(model.points_m, model.track_lengths, axis=0), model.depth_m])
     by = np.concatenate([model.track_cameras, model.depth_cameras])
     rng = keyed_rng("carved-surface", len(known))
@@ -258,7 +258,7 @@ def points_on_rock(points_m: Floats, config: MissionConfig) -> Floats:
     )
     points = points_m[near]
     if len(points) > STRAY_NEIGHBOURS:
-        distance = cKDTree(points).query(points, k=STRAY_NEIGHBOURS + 1)[0][:, -1]
+        distance = scipy.spatial.cKDTree(points).query(points, k=STRAY_NEIGHBOURS + 1)[0][:, -1]
         points = points[distance <= STRAY_SPACINGS * np.median(distance)]
     return points
 

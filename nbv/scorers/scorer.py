@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial.distance import cdist
+import scipy
 
 from nbv.config import MissionConfig, Weights
 from nbv.errors import MissionFailure
@@ -123,7 +123,7 @@ def novelty(candidates_m: Floats, visited_m: Floats, d_scale_m: float) -> Floats
     """
     if len(visited_m) == 0:
         return np.ones(len(candidates_m))
-    return np.minimum(1.0, cdist(candidates_m, visited_m).min(axis=1) / d_scale_m)
+    return np.minimum(1.0, scipy.spatial.distance.cdist(candidates_m, visited_m).min(axis=1) / d_scale_m)
 
 
 def movement(pool: CandidatePool, state: PlanningState, d_travel_m: float) -> Floats:
@@ -143,8 +143,7 @@ def angular_penalty(
     if len(visited_m) == 0:
         return np.zeros(len(candidates_m))
     # Through the chord: an arc cosine loses half its digits where directions coincide.
-    chord = cdist(*(directions_from(places_m, target_m) for places_m in (candidates_m, visited_m))).min(
-        axis=1
-    )
+    ways = (directions_from(places_m, target_m) for places_m in (candidates_m, visited_m))
+    chord = scipy.spatial.distance.cdist(*ways).min(axis=1)
     angle = 2.0 * np.arcsin(np.minimum(1.0, chord / 2.0))
     return np.maximum(0.0, 1.0 - angle / np.deg2rad(theta_min_deg))

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import lazy_loader
 import numpy as np
-from pyproj import Geod
 
 from nbv.cache import Store
 from nbv.config import MissionConfig, config_from_dict
@@ -30,14 +30,9 @@ from nbv.types import Floats, Viewpoint
 from nbv.viewpoints import raw_candidates, seed_viewpoints
 from tuner.missions.registry import mission_kind
 
-WAYPOINT, RETURN_TO_LAUNCH, TAKEOFF, CHANGE_SPEED, GIMBAL_PITCHYAW, TAKE_PHOTOGRAPH = (
-    16,
-    20,
-    22,
-    178,
-    1000,
-    2000,
-)
+pyproj: Any = lazy_loader.load("pyproj")  # loaded by every command, and one uses it
+WAYPOINT, RETURN_TO_LAUNCH, TAKEOFF = 16, 20, 22
+CHANGE_SPEED, GIMBAL_PITCHYAW, TAKE_PHOTOGRAPH = 178, 1000, 2000
 GLOBAL_RELATIVE_ALTITUDE, NO_POSITION = 3, 2  # frames
 GROUND_SPEED, SAME_THROTTLE = 1, -1  # of CHANGE_SPEED
 PX4, MULTIROTOR = 12, 2
@@ -66,7 +61,7 @@ class Home:
         """Return (latitude, longitude) in degrees of a point near home."""
         azimuth_deg, distance_m = math.degrees(math.atan2(east_m, north_m)), math.hypot(east_m, north_m)
         home = self.longitude_deg, self.latitude_deg
-        longitude_deg, latitude_deg, _ = Geod(ellps="WGS84").fwd(*home, azimuth_deg, distance_m)
+        longitude_deg, latitude_deg, _ = pyproj.Geod(ellps="WGS84").fwd(*home, azimuth_deg, distance_m)
         return latitude_deg, longitude_deg
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from scipy import stats
+import scipy
 
 from nbv.types import Floats
 
@@ -61,7 +61,7 @@ def mean_interval(by_rock: Mapping[str, Sequence[float]]) -> Interval | None:
         error = math.sqrt(pooled * sum(1 / len(g) for g in groups)) / rocks
     else:
         return Interval(mean, None, None, rocks, missions, "none")
-    half = stats.t.ppf(0.5 + CONFIDENCE / 2, degrees) * error
+    half = float(scipy.special.stdtrit(degrees, 0.5 + CONFIDENCE / 2)) * error
     return Interval(mean, mean - half, mean + half, rocks, missions, method)
 
 
@@ -70,7 +70,7 @@ def bootstrap_bounds(statistic: Callable[..., Any], values: Any, **how: Any) -> 
     if values.shape[-1] < LEAST_DRAWN:
         return None, None
     same_draws = {"n_resamples": BOOTSTRAP, "rng": np.random.default_rng(0)}
-    result = stats.bootstrap((values,), statistic, axis=-1, method="percentile", **same_draws, **how)
+    result = scipy.stats.bootstrap((values,), statistic, axis=-1, method="percentile", **same_draws, **how)
     return result.confidence_interval.low, result.confidence_interval.high
 
 

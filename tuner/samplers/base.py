@@ -17,6 +17,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
+import scipy
 
 from nbv.config import IDEAL
 from nbv.plugins import Registry
@@ -74,9 +75,7 @@ def places_for_earlier(initial: int, begun: int) -> range:
 
 def sobol_point(space: SearchSpace, seed: int, index: int) -> Values:
     """Return point ``index`` of the seed's scrambled Sobol sequence over the space."""
-    from scipy.stats import qmc  # noqa: PLC0415  a second to load
-
-    engine = qmc.Sobol(space.dimension, scramble=True, rng=seed)
+    engine = scipy.stats.qmc.Sobol(space.dimension, scramble=True, rng=seed)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)  # balance needs powers of two; a sequence is wanted here
         if index:
