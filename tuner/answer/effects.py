@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy import stats
+import scipy
 
 from nbv.types import Floats
 from tuner.problem.baselines import grouped
@@ -19,7 +19,6 @@ from tuner.surrogate.model import InstanceMeanGP
 GRID = 41  # values along a parameter
 SOBOL_POINTS = 512
 TEN = 10
-DRIFT_MISSIONS, DRIFT_CHANCE = 12, 0.001  # fewest missions, and the probability below which it is told
 
 
 @dataclass(frozen=True)
@@ -36,9 +35,8 @@ class ParameterRow:
     path: str
     default: Any
     tuned: Any
-    as_good: tuple[
-        Any, ...
-    ]  # ends of the range around the tuned value, or the choices, not known to be worse
+    # Not known to be worse: the ends of the range around the tuned value, or choices.
+    as_good: tuple[Any, ...]
     earned: Effect | None  # the tuned value over the default's, all else as tuned; None where they are equal
     importance: float  # total Sobol index in the region, 0 to 1
 
@@ -125,8 +123,8 @@ def importances(model: InstanceMeanGP, region: Region) -> Floats:
         means: Floats = posterior_means(model.model, model.inputs(snapped)).numpy()
         return means[None]
 
-    box = [stats.uniform(0.0, 1.0)] * space.dimension
-    indices = stats.sobol_indices(func=mean_at, n=SOBOL_POINTS, dists=box, rng=np.random.default_rng(0))
+    box = [scipy.stats.uniform(0.0, 1.0)] * space.dimension
+    indices = scipy.stats.sobol_indices(func=mean_at, n=SOBOL_POINTS, dists=box, rng=np.random.default_rng(0))
     total: Floats = np.clip(np.nan_to_num(np.asarray(indices.total_order).reshape(-1)), 0.0, 1.0)
     return total
 
@@ -182,12 +180,3 @@ def gate_contour(
 
 
 GATE_THRESHOLDS = ("gate.budget_fraction", "gate.d95_m")
-
-
-def drift_of(model: InstanceMeanGP) -> float | None:
-    """Return the rank correlation of the model's leave-one-out errors with the trial's number; None where it may be chance."""
-    numbers = [model.observations[i].number for i in model.fitted_to]
-    if len(numbers) < DRIFT_MISSIONS:
-        return None
-    test = stats.spearmanr(numbers, model.leave_one_out_z())
-    return float(test.statistic) if test.pvalue < DRIFT_CHANCE else None

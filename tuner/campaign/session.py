@@ -35,9 +35,12 @@ from tuner.samplers.base import LAST_VERIFIED
 # whose every photograph is in the store tell which. The trials of simplified configurations repeat others and use no budget.
 
 
-def simplified(campaign: Campaign) -> list[Proposal]:
-    """Return what repeats the recommendations' trials with all values at their default that change no photograph of these."""
-    return [proposal for best in _distinct(campaign).values() for proposal in _simplified(campaign, best)]
+def simplified(campaign: Campaign, known: dict[Any, str]) -> list[Proposal]:
+    """Return what repeats the recommendations' trials with all values at their default that change no photograph of these.
+
+    ``known``: what `known_photographs` has found in this session; what it finds now is entered.
+    """
+    return [each for best in _distinct(campaign).values() for each in _simplified(campaign, best, known)]
 
 
 def unflown(campaign: Campaign) -> list[Proposal]:
@@ -61,12 +64,17 @@ def _distinct(campaign: Campaign) -> dict[Key, Recommendation]:
     return {configuration_key(campaign.settings.space, best.values): best for best in found}
 
 
-def _simplified(campaign: Campaign, best: Recommendation) -> list[Proposal]:
+def _simplified(campaign: Campaign, best: Recommendation, known: dict[Any, str]) -> list[Proposal]:
     space, trials = campaign.settings.space, campaign.trials()
     own = [t for t in trials if t.state == "complete" and t.values == best.values]
-    photographs = functools.partial(known_photographs, campaign)
     if best.keep_default or not own or not all(t.record.photographs for t in own):
         return []
+
+    def photographs(values: Values, t: Trial) -> str:
+        block = (configuration_key(space, values), t.instance, t.replicate)
+        known[block] = known.get(block) or known_photographs(campaign, values, t)
+        return known[block]
+
     values, before = dict(best.values), None
     while values != before:  # one threshold may have no effect only where the other has its default
         before = values
@@ -166,6 +174,7 @@ class _Session:
         self._taken: set[Any] = set()  # the photographs of all trials that have ended
         self._repeats = 0  # trials that took none of their own: they use no budget
         self._last = collections.deque[Proposal]()
+        self._known = dict[Any, str]()
         finished = campaign.status().finished >= campaign.settings.budget
         self._reproducibility = ReproducibilityCheck(campaign, accept=self.accept_changes or finished)
         self._proposals = collections.deque[Proposal]()  # the rest of a batch
@@ -177,7 +186,7 @@ class _Session:
         for _ in range(ROUNDS):  # after one of them another configuration may be the best
             if stop.is_set() or self.cancelled or self._lost:
                 break
-            last = stop.computed(lambda: simplified(self.campaign) or unflown(self.campaign))
+            last = stop.computed(lambda: simplified(self.campaign, self._known) or unflown(self.campaign))
             self._last.extend(last or ())
             if not self._last:
                 break

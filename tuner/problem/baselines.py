@@ -156,7 +156,7 @@ _LABELS = {
 }
 # What a campaign ends in, beside its tuned configurations. In the order in which they are run: those that often choose the same
 # views lie apart, so that the later finds all it needs.
-COMPARISON = ("hyb-h", "covis", "orbit-middle", "random", "orbit", "b-aware", "hyb-o")
+COMPARISON = ("hyb-h", "covis", "orbit-middle", "random", "orbit", "orbit-high", "b-aware", "hyb-o")
 
 COARSEST_M = (
     1.0  # d95 of the sparse cloud is 0.15 to 0.5 m in flight; where it is infinite the gate asks for repair

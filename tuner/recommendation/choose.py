@@ -1,8 +1,9 @@
 """Chooses the configurations to recommend among those that have been run, one in every region, with their uncertainty.
 
 Most parameters that a search varies have no effect on the outcome. So of the configurations that are not worse than the best
-posterior mean the one with the fewest changes is taken, or one that had exactly its outcomes with fewer. Whether it is better than a
-plain plan is not decided here but on missions that both flew (`tuner.answer`).
+posterior mean the one with the fewest changes is taken, or one that had exactly its outcomes with fewer. A larger region (the tuned
+planner's) has what was chosen in the smaller one (the tuned gate's), unless its own choice is shown to be better. Whether either is
+better than a plain plan is not decided here but on missions that both flew (`tuner.answer`).
 
 The largest of many posterior means is usually too large: what the surrogate knows of a configuration that ran once it mostly
 infers from neighbours, and a planner's outcome jumps wherever another view is chosen. So a configuration must have run on two
@@ -61,8 +62,11 @@ def recommend(
     if not any(o.feasible for o in goal.as_shown(history)):
         return {}
     choice = Choice(problem, goal, history, only_verified=only_verified)
-    found = (choice.recommendation(region) for region in problem.answers)
-    return {each.name: each for each in found if each is not None}
+    found, smaller = dict[str, Recommendation](), None
+    for region in problem.answers:
+        if (index := choice.chosen_index(region, smaller)) is not None:
+            found[region.name], smaller = choice.recommendation(region.name, index), index
+    return found
 
 
 @dataclass(frozen=True)
@@ -182,8 +186,11 @@ class Choice:
     def changes(self, index: int) -> int:
         return len(changes(self.candidates[index].values, self.problem.default))
 
-    def chosen_index(self, region: Region) -> int | None:
-        """Return the index of the candidate to recommend in a region, by the rule in this file's docstring; None where none ran."""
+    def chosen_index(self, region: Region, smaller: int | None = None) -> int | None:
+        """Return the index of the candidate to recommend in a region, by the rules in this file's docstring; None where none ran.
+
+        ``smaller``: the one recommended in a smaller region.
+        """
         inside = [i for i, candidate in enumerate(self.candidates) if region.contains(candidate.values)]
         among = [i for i in inside if self.candidates[i].eligible] or inside
         if not among:
@@ -196,7 +203,11 @@ class Choice:
         theirs = {i: self.candidates[i].outcomes for i in among}
         same = [i for i in among if outcomes.items() <= theirs[i].items()]
         same = [i for i in same if outcomes == theirs[i] or self._not_worse(i, index)]
-        return min(same, key=self.changes)
+        index = min(same, key=self.changes)
+        if smaller is None or smaller not in among:
+            return index
+        lead = self.posterior.difference(index, smaller)
+        return index if probability_positive(*lead) >= 1.0 - RISK_OF_LOSS else smaller
 
     def _not_worse(self, i: int, best: int) -> bool:
         """Return whether the posterior mean of the difference is no loss above `EXPECTED_LOSS` of a mission's noise, and a loss
@@ -212,11 +223,8 @@ class Choice:
         one, other = self.candidates[i].outcomes, {} if default is None else default.outcomes
         return sum((one[b] is None) - (other[b] is None) for b in one.keys() & other.keys()) >= MORE_FAILURES
 
-    def recommendation(self, region: Region) -> Recommendation | None:
-        """Return the best of a region; None where nothing has run in it."""
-        index = self.chosen_index(region)
-        if index is None:
-            return None
+    def recommendation(self, name: str, index: int) -> Recommendation:
+        """Return what is said of the candidate that is recommended in a region."""
         problem, goal, posterior = self.problem, self.goal, self.posterior
         sign = goal.objective.sign
         mean, sd = sign * self.plausible(posterior.mean[index]), float(posterior.sd[index])
@@ -226,7 +234,7 @@ class Choice:
         moved = ((o, shown_sign * y) for o, y in told if o.outcome != y)
         counts_as = [*((o, None) for o in self.outliers), *moved]
         return Recommendation(
-            name=region.name,
+            name=name,
             values=self.candidates[index].values,
             missions=len(self.candidates[index].missions),
             mean=mean,

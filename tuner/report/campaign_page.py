@@ -101,7 +101,7 @@ def write_campaign_report(campaign: Campaign, answer: Answer | None = None) -> P
             for names, values in words.alike({name: each.values for name, each in found.items()})
         ],
         walk=f"{SHOWN}/{VIEW_FILE}" if (directory / SHOWN / VIEW_FILE).is_file() else "",
-        warnings=_warnings(campaign, status, answer, model),
+        warnings=_warnings(campaign, status, answer),
         chosen=words.chosen_text(answer.chosen_by),
         status=status,
         degraded=sum(t.state == "complete" and t.record.status == "degraded" for t in trials),
@@ -236,14 +236,10 @@ def _configurations(model: InstanceMeanGP, region: Region, campaign: Campaign, s
 # -- what limits the answer ------------------------------------------------------------------------------------
 
 
-def _warnings(
-    campaign: Campaign, status: CampaignStatus, answer: Answer, model: InstanceMeanGP | None
-) -> list[str]:
+def _warnings(campaign: Campaign, status: CampaignStatus, answer: Answer) -> list[str]:
     s, trials = campaign.settings, campaign.trials()
     out = [_stop_reason(status, trials)] if status.remaining else []
-    for best in answer.recommended.values():
-        if at_bounds := bounds_text(best, s):
-            out.append(at_bounds)
+    out += [text for each in answer.recommended.values() if (text := bounds_text(each, s))]
     for best in list(answer.recommended.values())[-1:]:
         for o in best.outliers[:3]:
             how = "which all others contradict, so it is left out"
@@ -255,11 +251,6 @@ def _warnings(
             out.append(
                 f"The model's 95 % intervals contain only {100 * coverage:.0f} % of the left-out missions: all its intervals are too narrow."
             )
-    if model is not None and (drift := effects.drift_of(model)) is not None:
-        out.append(
-            f"Outcomes drift with the number of the trial (rank correlation {drift:+.2f} of what the model cannot explain): what ran "
-            "first, as the default did, may look worse or better than it is. Run `gatetune confirm`."
-        )
     degraded = sum(t.record.status == "degraded" for t in trials)
     for count, what in ((degraded, "were degraded"), (status.failed, "failed")):
         if count > 0.2 * status.finished:

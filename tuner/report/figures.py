@@ -200,6 +200,8 @@ def draw_slices(
                 axis.set_xticks(xs, [short(v) for v in at], fontsize=7.5)
             elif p.scale == "log":
                 axis.set_xscale("log")
+                axis.minorticks_off()
+                axis.xaxis.set_major_formatter("{x:g}")
             figures.append(embed(figure))
     return figures
 

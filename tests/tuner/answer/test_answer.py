@@ -15,7 +15,6 @@ from scoring_state import few_seeds
 from nbv.config import MissionConfig, SeedConfig, preset
 from nbv.viewpoints import seed_viewpoints
 from tuner.answer.answer import answer_of, flight_of, next_step, table_of
-from tuner.answer.effects import drift_of
 from tuner.answer.evidence import Evidence, evidence_of, kind_of_target
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.mission_problem import procedural_rocks
@@ -261,19 +260,3 @@ def test_an_evaluation_of_an_earlier_recommendation_counts_for_the_baselines_alo
     monkeypatch.setattr("tuner.answer.evidence._plans", lambda _: [(Path(), plan)])
     on_arch = [r.strategy for r in evidence_of(campaign, found).records if r.rock == "arch"]
     assert on_arch == ["orbit"]
-
-
-def model(residuals):
-    numbers = range(len(residuals))
-    return SimpleNamespace(
-        observations=[SimpleNamespace(number=n) for n in numbers],
-        fitted_to=list(numbers),
-        leave_one_out_z=lambda: np.asarray(residuals),
-    )
-
-
-def test_residuals_that_rise_with_the_trial_are_a_drift_and_noise_is_none():
-    noise = np.random.default_rng(0).normal(size=40)
-    assert drift_of(model(noise)) is None
-    assert drift_of(model(noise + np.arange(40) / 10)) > 0.5
-    assert drift_of(model(np.arange(8.0))) is None  # too few to tell

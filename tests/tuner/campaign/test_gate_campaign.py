@@ -72,7 +72,7 @@ def test_nothing_inert_is_recommended(ended):
     """Every recommended change alters a photograph of the recommendation's own trials."""
     campaign = Campaign.open(ended[0] / "runs/gate", read_only=True)
     s = campaign.settings
-    assert simplified(campaign) == []
+    assert simplified(campaign, {}) == []
     for best in campaign.recommended().values():
         own = [t for t in campaign.trials() if t.values == best.values]
         for path in best.changed:
