@@ -28,7 +28,7 @@ from sklearn.ensemble import ExtraTreesRegressor
 from nbv.geometric import run_geometric_mission
 from research import read_rows, write_rows
 from tuner.campaign.campaign import Campaign
-from tuner.campaign.session import VERIFY
+from tuner.campaign.session import AT_ONCE, VERIFY
 from tuner.campaign.settings_file import QUICK, resolved_settings
 from tuner.problem.observations import Observation, next_block
 from tuner.recommendation.choose import recommend
@@ -127,14 +127,13 @@ def campaign(emulator: Emulator, seed: int, missions: int) -> dict[str, float]:
             at, k = next_block(problem.instances, problem.replicates, [*history, *running], proposal)
             running.append(Observation(number, proposal.values, at.rock, k, condition=at.condition))
         history.append(flown(running.pop(0)))
-    more = max(0, s.budget // VERIFY - samplers.LAST_VERIFIED)  # as `tuner.campaign.session`
-    while left := s.budget + more - len(history):
-        best = recommend(problem, s.goal, history).values()
+    while left := s.budget + s.budget // VERIFY - len(history):  # as `tuner.campaign.session`
+        best = recommend(problem, s.goal, history, only_verified=False).values()
         ran = {(tuple(o.values.items()), o.instance) for o in history}
-        blocks = [(b.values, at) for b in best for at in problem.instances]
-        if not (missing := [(v, at) for v, at in blocks if (tuple(v.items()), at) not in ran]):
+        blocks = {(tuple(b.values.items()), at): b.values for b in best for at in problem.instances}
+        if not (missing := [(v, at) for (key, at), v in blocks.items() if (key, at) not in ran]):
             break
-        for v, at in missing[:left]:
+        for v, at in missing[: min(AT_ONCE, left)]:
             history.append(flown(Observation(len(history), v, at.rock, 0, condition=at.condition)))
     default, found = emulator.mean(problem.default), recommend(problem, s.goal, history)
     targets = {n: len({o.rock for o in history if o.values == b.values}) for n, b in found.items()}

@@ -116,6 +116,7 @@ class Answer:
     fly: Advice | None
     next: Next
     nothing_yet: str = ""
+    left_out: tuple[str, ...] = ()  # evaluations that cannot be read, and why
     configs: Mapping[str, MissionConfig] = field(default_factory=dict, repr=False)  # by strategy
 
     def to_dict(self) -> dict[str, Any]:
@@ -168,6 +169,7 @@ def answer_of(campaign: Campaign) -> Answer:
         fly=fly,
         next=next_step(campaign, found, tables, fly),
         nothing_yet=campaign.nothing_yet(),
+        left_out=tuple(evidence.left_out),
         configs=evidence.configs,
     )
 

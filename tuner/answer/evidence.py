@@ -47,6 +47,7 @@ class Evidence:
     records: Sequence[Trial]
     tuned_on: frozenset[str]  # rocks
     objective: Objective  # by which strategies are compared
+    left_out: Sequence[str] = ()  # evaluations that cannot be read, and why
 
     def on(self, *, held_out: bool) -> Evidence:
         """Return the part on held-out targets, or on those that the campaign was tuned on."""
@@ -99,7 +100,8 @@ def evidence_of(campaign: Campaign, found: Mapping[str, Recommendation]) -> Evid
     by_fidelity: dict[bool, list[Trial]] = collections.defaultdict(list)
     by_fidelity[s.fidelity == DEFAULT_FIDELITY] += _own_trials(campaign, _name_by_mission(configs))
     under = {condition.name for condition in s.conditions}
-    for directory, plan in _plans(campaign.directory):
+    left_out = list[str]()
+    for directory, plan in _plans(campaign.directory, left_out):
         names = _names_in(plan, configs)
         for name in names.values():
             configs.setdefault(name, plan.strategies[next(n for n, now in names.items() if now == name)])
@@ -118,7 +120,7 @@ def evidence_of(campaign: Campaign, found: Mapping[str, Recommendation]) -> Evid
         for r in by_fidelity[True] or by_fidelity[False]
         for name in flies[keys[r.strategy]]
     }
-    return Evidence(configs, list(every.values()), frozenset(campaign.rocks_seen()), s.goal.shown)
+    return Evidence(configs, list(every.values()), frozenset(campaign.rocks_seen()), s.goal.shown, left_out)
 
 
 def _name_by_mission(configs: Mapping[str, MissionConfig]) -> dict[str, str]:
@@ -143,11 +145,13 @@ def _own_trials(campaign: Campaign, names: Mapping[str, str]) -> list[Trial]:
     return records
 
 
-def _plans(directory: Path) -> Iterable[tuple[Path, EvaluationPlan]]:
+def _plans(directory: Path, left_out: list[str]) -> Iterable[tuple[Path, EvaluationPlan]]:
     for what in (EVALUATION, CONFIRMATION):
         for path in sorted(directory.glob(f"{what}*/{PLAN_FILE}")):
-            with contextlib.suppress(UserError):  # another program's folder, or a plan that was damaged since
+            try:
                 yield path.parent, EvaluationPlan.load(path.parent)
+            except UserError as error:  # damaged, or with a plug-in that is not given
+                left_out.append(str(error))
 
 
 def _names_in(plan: EvaluationPlan, configs: Mapping[str, MissionConfig]) -> dict[str, str]:

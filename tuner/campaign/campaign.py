@@ -243,22 +243,23 @@ class Campaign:
             f"{budget + len(again) - len(trials)} missions of the budget would repeat them; for repeats give --replicates"
         )
 
-    def recommendations(self, *, save: bool = True) -> dict[str, Recommendation]:
+    def recommendations(self, *, save: bool = True, only_verified: bool = True) -> dict[str, Recommendation]:
         """Return what is recommended in every region by its name (`tuner.problem.search_space`); nothing while `nothing_yet`.
 
         That is the configuration with the fewest changes among those that ran often enough and are not worse than the one with
         the largest posterior mean (`tuner.recommendation.choose`). Those that were saved after these very missions are read.
+        Without ``only_verified`` those that ran once count, too.
         """
         history = self.history()
         if self.nothing_yet(history):
             return {}
-        if saved := self.saved_recommendations(history):
+        if only_verified and (saved := self.saved_recommendations(history)):
             return saved
         from tuner.recommendation.choose import recommend  # noqa: PLC0415  who looks need not wait for torch
 
         # Samplers that run nothing again leave no configuration that has run often enough: theirs is any that has run.
         s = self.settings
-        found = recommend(s.problem, s.goal, history, only_verified=s.sampler == "gp")
+        found = recommend(s.problem, s.goal, history, only_verified=only_verified and s.sampler == "gp")
         if found and save:
             tree = {name: each.to_dict() for name, each in found.items()}
             write_atomic(self.directory / RECOMMENDATION_FILE, json.dumps(tree, indent=1))

@@ -29,7 +29,6 @@ from tuner.problem.observations import (
 )
 from tuner.problem.search_space import Values
 from tuner.recommendation.recommendation import Recommendation
-from tuner.samplers.base import LAST_VERIFIED
 
 # A gate that never switches makes its thresholds, and the weights of the scorer that it never asks, values of nothing: missions
 # whose every photograph is in the store tell which. The trials of simplified configurations repeat others and use no budget.
@@ -44,23 +43,30 @@ def simplified(campaign: Campaign, known: dict[Any, str]) -> list[Proposal]:
 
 
 def unflown(campaign: Campaign) -> list[Proposal]:
-    """Return the recommendations on training targets where they have not flown: all that repeat others, else a few."""
+    """Return the favourites on training targets where they have not flown: all that repeat others, else the next few.
+
+    What is recommended flies where it repeats others, too.
+    """
     trials, s = campaign.trials(), campaign.settings
     ran = blocks_evaluated(s.space, trials)
     at = {(t.instance, t.replicate): t for t in trials if t.record.status}
-    blocks = ((b, key, t) for key, b in _distinct(campaign).items() for t in at.values())
-    missing = [(b, t) for b, key, t in blocks if (t.instance, t.replicate) not in ran[key]]
+    favourites = _distinct(campaign, only_verified=False)
+    blocks = [(key, b, t) for key, b in (_distinct(campaign) | favourites).items() for t in at.values()]
+    missing = [(key, b, t) for key, b, t in blocks if (t.instance, t.replicate) not in ran[key]]
     taken = {(t.instance, t.replicate, t.record.photographs) for t in trials if t.record.photographs}
-    known = [(t.instance, t.replicate, known_photographs(campaign, b.values, t)) for b, t in missing]
+    known = [(t.instance, t.replicate, known_photographs(campaign, b.values, t)) for _, b, t in missing]
     again = [x for x, photographs in zip(missing, known) if photographs in taken]
-    left = s.budget + max(0, s.budget // VERIFY - LAST_VERIFIED) - campaign.status().finished
-    chosen = again or [(b, t) for b, t in missing if t.replicate == 0][: max(0, left)]
+    left = s.budget + (s.budget // VERIFY if s.sampler == "gp" else 0) - campaign.status().finished
+    new = [(key, b, t) for key, b, t in missing if key in favourites and t.replicate == 0]
     why = {"sampler": s.sampler, "phase": "verification"}
-    return [Proposal(dict(b.values), {**why, "region": b.name}, t.instance, t.replicate) for b, t in chosen]
+    return [
+        Proposal(dict(b.values), {**why, "region": b.name}, t.instance, t.replicate)
+        for _, b, t in again or new[: max(0, min(AT_ONCE, left))]
+    ]
 
 
-def _distinct(campaign: Campaign) -> dict[Key, Recommendation]:
-    found = campaign.recommendations(save=False).values()
+def _distinct(campaign: Campaign, *, only_verified: bool = True) -> dict[Key, Recommendation]:
+    found = campaign.recommendations(save=only_verified, only_verified=only_verified).values()
     return {configuration_key(campaign.settings.space, best.values): best for best in found}
 
 
@@ -114,13 +120,13 @@ def known_photographs(campaign: Campaign, values: Values, t: Trial) -> str:
 _LAST_EVENT: dict[Ending, EventKind] = {"failing": "stopped", "interrupted": "interrupted"}  # else done
 # After so many failures in a row the set-up must be wrong, not the configurations.
 MAX_CONSECUTIVE_FAILURES = 8
-VERIFY = 10  # a tenth of the budget, at most: the sampler's last missions, and what completes the recommended behind it
-ROUNDS = 10  # at most, in which values without effect are reset and the recommendations completed
+VERIFY = 10  # a tenth of the budget, at most, in which the search's favourites fly behind it, `AT_ONCE` by what is then known
+AT_ONCE = 2
+ROUNDS = 20  # at most, in which values without effect are reset and the favourites fly
 REFUSED = "configuration_refused"  # the reason of a trial whose values make no mission
 # With fewer workers a proposal is made when its worker is free, knowing all that has ended; with as many or more a batch is made
 # for all that are free, and for a `SHARE`th of the workers at least.
 FROM_WORKERS, SHARE = 8, 4
-MAX_BATCH = 256
 
 
 def run_campaign(
@@ -281,7 +287,7 @@ class _Session:
         started = time.monotonic()
         if self._last:
             proposal: Proposal | None = self._last.popleft()
-        elif left <= 0 or (why := self.campaign.exhausted(trials)):
+        elif left <= 0 or (not self._proposals and (why := self.campaign.exhausted(trials))):
             self._search_ended = ("budget", "the budget is used") if left <= 0 else ("exhausted", why)
             return None
         else:
@@ -291,7 +297,7 @@ class _Session:
             if not self._proposals:
                 count = 1
                 if in_step is None and self.executor.capacity >= FROM_WORKERS:
-                    count = min(max(free, self.executor.capacity // SHARE), MAX_BATCH, left)
+                    count = min(max(free, self.executor.capacity // SHARE), left)
                 batch = self._stop.computed(lambda: self.campaign.propose(trials, known, count))
                 self._proposals.extend(batch or ())
             proposal = self._proposals.popleft() if self._proposals else None

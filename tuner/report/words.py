@@ -49,9 +49,10 @@ METHODS = {
 
 def sentences(answer: Answer) -> list[str]:
     """What to fly; what that is worth; what the tuned plans earn beside it."""
+    left_out = [f"An evaluation is left out: {why}." for why in answer.left_out]
     if answer.fly is None:
-        return [f"Nothing to fly yet: {answer.nothing_yet}."]
-    return [_what(answer, answer.fly), *_worth(answer, answer.fly), *_tuned(answer, answer.fly)]
+        return [f"Nothing to fly yet: {answer.nothing_yet}.", *left_out]
+    return [_what(answer, answer.fly), *_worth(answer, answer.fly), *_tuned(answer, answer.fly), *left_out]
 
 
 def _what(answer: Answer, fly: Advice) -> str:

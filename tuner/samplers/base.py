@@ -32,7 +32,6 @@ if TYPE_CHECKING:
     from tuner.surrogate.model import InstanceMeanGP
 
 
-LAST_VERIFIED = 2  # last missions of sampler gp, without a constraint: its favourites once more
 # Where missions were run before a campaign, elsewhere, a design this short has so many of the best of them right after
 # the default (docs/results/index.md).
 WITH_EARLIER, FROM_EARLIER = 6, 4
@@ -177,7 +176,9 @@ class SamplerSettings:
     seed: int
     initial: int  # size of the initial design, the default configuration included
     goal: Goal = field(default_factory=Goal)
-    budget: int | None = None  # missions of the search; sampler gp verifies its favourite near their end
+    budget: int | None = (
+        None  # missions of the search; under a constraint sampler gp verifies its favourite near their end
+    )
     arms: tuple[Proposal, ...] = ()  # missions of the plain plans, which come first; none: one of the default
     earlier: EarlierMissions | None = None  # missions run before the campaign, for sampler gp
     trusted_default: bool = False  # sampler gp: chosen by hand, so its design may stay near it

@@ -19,7 +19,6 @@ from tuner.problem.observations import Observation, Proposal, next_block
 from tuner.problem.search_space import Region, Values
 from tuner.recommendation.choose import JOINT, TOP
 from tuner.samplers.base import (
-    LAST_VERIFIED,
     SamplerSettings,
     derived_seed,
     in_flight,
@@ -33,8 +32,8 @@ from tuner.samplers.base import (
 from tuner.surrogate.fit import numerics
 from tuner.surrogate.model import InstanceMeanGP
 
-# A configuration that ran once may not be recommended (``tuner.recommendation.choose``). Near the end of a budget the regions'
-# favourites therefore run on blocks (instance, replicate) that they have not seen; under a constraint in its whole last third.
+# A configuration that ran once may not be recommended (``tuner.recommendation.choose``). Behind the budget the favourites
+# therefore run where they have not (``tuner.campaign.session``); under a constraint they do so in its last third as well.
 
 
 def verification(
@@ -181,13 +180,10 @@ class GPSampler:
         gain: float,
         favourites: dict[str, Values | None],
     ) -> Proposal | None:
-        """Return the favourite once more, near the end of the budget, where that is worth more than ``gain``."""
+        """Return the favourite once more, in the last third of a budget under a constraint, where that is worth more than ``gain``."""
         s, problem = self.settings, self.settings.problem
-        if s.budget is None:
-            return None
         number = missions_asked(history, running) - sum(o.repeat for o in history)
-        last = LAST_VERIFIED if constraint is None else len(problem.rocks) * problem.replicates
-        if number < (s.budget - last if constraint is None else VERIFICATION_BEGINS * s.budget):
+        if s.budget is None or constraint is None or number < VERIFICATION_BEGINS * s.budget:
             return None
         region = problem.answers[-1 - (s.budget - 1 - number) % len(problem.answers)]
         return verification(
@@ -197,7 +193,7 @@ class GPSampler:
             running,
             problem.replicates,
             gain,
-            last=number >= s.budget - last,
+            last=number >= s.budget - len(problem.rocks) * problem.replicates,
             constraint=constraint,
             favourites=favourites,
         )

@@ -14,7 +14,7 @@ import pytest
 from nbv.geometric import run_geometric_mission
 from tuner.answer.answer import ANSWER_FILE, answer_of
 from tuner.campaign.campaign import Campaign
-from tuner.campaign.session import simplified
+from tuner.campaign.session import VERIFY, simplified
 from tuner.missions.job import repeated
 from tuner.problem.baselines import label
 from tuner.problem.observations import photographs_key
@@ -61,7 +61,7 @@ def test_trials_that_repeat_photographs_use_no_budget(ended):
     trials = Campaign.open(ended[0] / "runs/gate", read_only=True).trials()
     again = repeated(trials)
     searched = [t for t in trials if t.number not in again]
-    assert len(searched) == 16 and again, [t.record.metadata for t in trials]
+    assert 16 <= len(searched) <= 16 + 16 // VERIFY and again, [t.record.metadata for t in trials]
     taken = [t.photographs_taken for t in searched]
     assert len(set(taken)) == len(taken)
     first = {t.photographs_taken: t.raw for t in searched}

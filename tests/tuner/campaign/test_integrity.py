@@ -40,7 +40,7 @@ def facts(directory: Path) -> list[tuple]:
 
 def test_a_torn_last_record_is_healed(copy, monkeypatch):
     """What a kill or a full disk leaves of it; a resume goes on behind it."""
-    monkeypatch.setattr("tuner.recommendation.choose.recommend", lambda *_, **__: None)
+    monkeypatch.setattr("tuner.recommendation.choose.recommend", lambda *_, **__: {})
     sound = (copy / "study.journal").read_bytes()
     before = facts(copy)
     begin = sound.rfind(b"\n", 0, -1) + 1
