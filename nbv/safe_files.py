@@ -117,9 +117,8 @@ def _no_plain_value(loader: Any, node: yaml.Node) -> Any:
 
 CoreLoader.add_constructor("tag:yaml.org,2002:map", _unique_mapping)
 CoreLoader.add_constructor("tag:yaml.org,2002:int", _whole_number)
-CoreLoader.add_constructor(
-    "tag:yaml.org,2002:merge", _SafeLoader.construct_scalar
-)  # << that is no key is a text
+# << that is no key is a text.
+CoreLoader.add_constructor("tag:yaml.org,2002:merge", _SafeLoader.construct_scalar)
 CoreLoader.add_constructor(_UNDERSCORES, _no_number)
 CoreLoader.add_constructor(None, _no_plain_value)
 

@@ -86,9 +86,8 @@ class MissionConfig(Section):
     sparse: SparseConfig = field(default_factory=SparseConfig)
     dense: DenseConfig = field(default_factory=DenseConfig)
     evaluation: EvaluationConfig = field(default_factory=EvaluationConfig)
-    plugins: tuple[tuple[str, Any], ...] = field(
-        default=()
-    )  # settings of plug-ins that are not their defaults, by name: ``config.mine.alpha``
+    # Settings of plug-ins that are not their defaults, by name: ``config.mine.alpha``.
+    plugins: tuple[tuple[str, Any], ...] = ()
 
     def __post_init__(self) -> None:
         super().__post_init__()

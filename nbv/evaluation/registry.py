@@ -51,9 +51,8 @@ class Metric:
     label: str  # its name for people; may hold ``{t}``, too
     unit: str  # "%", "mm"
     larger_is_better: bool
-    measure: Callable[
-        [Distances, float], Any
-    ]  # from the distances and the threshold in mm (0: the key has none)
+    # From the distances and the threshold in mm (0: the key has none).
+    measure: Callable[[Distances, float], Any]
 
 
 def f_score(precision: float, recall: float) -> float:

@@ -87,9 +87,8 @@ class Advice:
     strategy: str
     label: str
     is_tuned: bool
-    against: Mapping[
-        str, Interval | None
-    ]  # paired gains over the other plans that may be flown, on all targets
+    # Paired gains over the other plans that may be flown, on all targets.
+    against: Mapping[str, Interval | None]
     leads: Mapping[str, Interval]  # plans with a better mean that are not shown to be better, and by how much
     targets: int  # on which it has flown
     shown: bool  # whether it is better than the simplest plan beyond chance

@@ -81,9 +81,8 @@ class Evaluated(NamedTuple):
     """The tuned configurations of a campaign, and what they are evaluated on."""
 
     tuned: Mapping[str, Mapping[str, Any]]  # values by name, such as ``tuned-planner``
-    photographs: (
-        int | None
-    )  # that the last of them took, mean over its missions rounded up; None where it has none
+    # That the last of them took, mean over its missions rounded up; None where it has none.
+    photographs: int | None
     conditions: Sequence[Condition]
     rocks: Sequence[str]
 

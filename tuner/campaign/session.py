@@ -120,8 +120,8 @@ def known_photographs(campaign: Campaign, values: Values, t: Trial) -> str:
 _LAST_EVENT: dict[Ending, EventKind] = {"failing": "stopped", "interrupted": "interrupted"}  # else done
 # After so many failures in a row the set-up must be wrong, not the configurations.
 MAX_CONSECUTIVE_FAILURES = 8
-VERIFY = 10  # a tenth of the budget, at most, in which the search's favourites fly behind it, `AT_ONCE` by what is then known
-AT_ONCE = 2
+# Behind the budget the search's favourites fly in at most a tenth of it, two at once by what is then known.
+VERIFY, AT_ONCE = 10, 2
 ROUNDS = 20  # at most, in which values without effect are reset and the favourites fly
 REFUSED = "configuration_refused"  # the reason of a trial whose values make no mission
 # With fewer workers a proposal is made when its worker is free, knowing all that has ended; with as many or more a batch is made

@@ -147,9 +147,8 @@ def enough(
     """
     if not 0 < keep <= 100:
         raise UserError(f"--keep {keep:g} must be above 0 and at most 100 percent")
-    output.print(
-        f"how many photographs of {name} would have been enough"
-    )  # before what takes seconds to load
+    # Before what takes seconds to load.
+    output.print(f"how many photographs of {name} would have been enough")
     load("tuner.report.enough")
     from tuner.report.enough import (
         NUMBERS,

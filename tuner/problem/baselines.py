@@ -88,9 +88,8 @@ def paper_seeds(seed: SeedConfig) -> SeedConfig:
     """The seeds on the paper's rings: shares of 8 : 6 : 6 : 4 at 15, 22, 29 and 36 degrees, 4 m away."""
     if seed.layout == "rings":
         return seed
-    return SeedConfig(
-        ring_elevations_deg=seed.ring_elevations_deg, ring_azimuth_counts=seed.ring_azimuth_counts
-    )
+    elevations_deg, counts = seed.ring_elevations_deg, seed.ring_azimuth_counts
+    return SeedConfig(ring_elevations_deg=elevations_deg, ring_azimuth_counts=counts)
 
 
 def _registering(sparse: SparseConfig, seeds: int) -> dict[str, int]:
@@ -158,18 +157,11 @@ _LABELS = {
 # views lie apart, so that the later finds all it needs.
 COMPARISON = ("hyb-h", "covis", "orbit-middle", "random", "orbit", "orbit-high", "b-aware", "hyb-o")
 
-COARSEST_M = (
-    1.0  # d95 of the sparse cloud is 0.15 to 0.5 m in flight; where it is infinite the gate asks for repair
-)
+# d95 of the sparse cloud is 0.15 to 0.5 m in flight; where it is infinite the gate asks for repair.
+COARSEST_M = 1.0
 PLANNER = ("gate", "covis", "b_aware", "predicted", "shared", "plugins")  # sections that choose views
-PLAN = (
-    *PLANNER,
-    "photographs",
-    "seeds",
-    "seed",
-    "pool",
-    "stop",
-)  # and those that say from where, and how many
+# And those that say from where, and how many.
+PLAN = (*PLANNER, "photographs", "seeds", "seed", "pool", "stop")
 
 
 def baseline(name: str, also: Sequence[str] = ()) -> Baseline:
