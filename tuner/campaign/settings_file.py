@@ -38,7 +38,6 @@ QUICK: dict[str, Any] = {
         "dense.agreeing_views": 3,
     },
     "space": "plan_and_gate",
-    "budget": 56,
     "compare_on": ["arch", "part-20000", "fin", "lever-20000", "figure-20000"],
 }
 
