@@ -6,7 +6,6 @@ The defaults are preset ``paper``; every field says where its default comes from
 from __future__ import annotations
 
 import dataclasses
-import functools
 import hashlib
 import json
 import math
@@ -203,10 +202,6 @@ class MissionConfig(Section):
 
     def digest(self) -> str:
         """First 16 hex digits of the SHA-256 of the JSON form, and of the plug-ins that the mission uses."""
-        return self._digest
-
-    @functools.cached_property
-    def _digest(self) -> str:
         plugins = [[plugin.name, plugin.facts] for plugin in self.plugins_used]
         form = json.dumps([self.to_dict(), plugins], sort_keys=True, separators=(",", ":"))
         return hashlib.sha256(form.encode()).hexdigest()[:16]

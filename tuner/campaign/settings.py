@@ -159,7 +159,7 @@ class CampaignSettings(Section):
     )
     budget: OneOrMore = setting(
         64,
-        "length of the search; up to a tenth more completes what it recommends",
+        "length of the search; up to a tenth more flies its favourites again",
         unit="missions",
         limit=MAX_MISSIONS,
         option="--budget",
