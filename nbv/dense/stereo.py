@@ -263,9 +263,8 @@ def points_to_search(
     points = points[away_m <= config.crop_half_width_m]
     if len(points) < _FEWEST_POINTS:
         return None
-    nearest = scipy.spatial.cKDTree(points).query(
-        points, k=_COMPANIONS + 1, distance_upper_bound=SEARCH_MARGIN_M
-    )[0]
+    tree = scipy.spatial.cKDTree(points)
+    nearest = tree.query(points, k=_COMPANIONS + 1, distance_upper_bound=SEARCH_MARGIN_M)[0]
     points = points[np.isfinite(nearest[:, -1])]
     return points if len(points) >= _FEWEST_POINTS else None
 

@@ -34,7 +34,7 @@ from tuner.recommendation.recommendation import MORE_FAILURES, Recommendation
 
 ANSWER_FILE = "answer.json"
 WORTH_KNOWING = 1.0  # a lead, in the metric's unit, that is worth more missions
-BEST_ORBITS = ("orbit-middle", "orbit-high")  # that one has to lead
+BEST_ORBITS = ("orbit-middle", "orbit-high")  # beside which a tuned plan is evaluated
 # Phases of trials, as a reader calls what chose them.
 CHOSEN_BY = {
     "default": "baselines",

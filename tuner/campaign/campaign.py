@@ -205,7 +205,7 @@ class Campaign:
         is_open = len(trials) > len(done) or len(done) - repeats >= self.settings.budget
         return CampaignStatus(
             name=self.settings.name,
-            budget=max(self.settings.budget, len(done) - repeats),  # the recommended are completed behind it
+            budget=max(self.settings.budget, len(done) - repeats),  # favourites fly behind it
             complete=len(values),
             failed=len(done) - len(values),
             running=len(trials) - len(done),

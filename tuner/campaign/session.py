@@ -42,10 +42,10 @@ def simplified(campaign: Campaign, known: dict[Any, str]) -> list[Proposal]:
     return [each for best in _distinct(campaign).values() for each in _simplified(campaign, best, known)]
 
 
-def unflown(campaign: Campaign) -> list[Proposal]:
+def unflown(campaign: Campaign, known: dict[Any, str]) -> list[Proposal]:
     """Return the favourites on training targets where they have not flown: all that repeat others, else the next few.
 
-    What is recommended flies where it repeats others, too.
+    What is recommended flies where it repeats others, too. ``known``: as in `simplified`.
     """
     trials, s = campaign.trials(), campaign.settings
     ran = blocks_evaluated(s.space, trials)
@@ -54,8 +54,10 @@ def unflown(campaign: Campaign) -> list[Proposal]:
     blocks = [(key, b, t) for key, b in (_distinct(campaign) | favourites).items() for t in at.values()]
     missing = [(key, b, t) for key, b, t in blocks if (t.instance, t.replicate) not in ran[key]]
     taken = {(t.instance, t.replicate, t.record.photographs) for t in trials if t.record.photographs}
-    known = [(t.instance, t.replicate, known_photographs(campaign, b.values, t)) for _, b, t in missing]
-    again = [x for x, photographs in zip(missing, known) if photographs in taken]
+    taking = [
+        (t.instance, t.replicate, known_photographs(campaign, b.values, t, known)) for _, b, t in missing
+    ]
+    again = [x for x, photographs in zip(missing, taking) if photographs in taken]
     left = s.budget + (s.budget // VERIFY if s.sampler == "gp" else 0) - campaign.status().finished
     new = [(key, b, t) for key, b, t in missing if key in favourites and t.replicate == 0]
     why = {"sampler": s.sampler, "phase": "verification"}
@@ -75,18 +77,13 @@ def _simplified(campaign: Campaign, best: Recommendation, known: dict[Any, str])
     own = [t for t in trials if t.state == "complete" and t.values == best.values]
     if best.keep_default or not own or not all(t.record.photographs for t in own):
         return []
-
-    def photographs(values: Values, t: Trial) -> str:
-        block = (configuration_key(space, values), t.instance, t.replicate)
-        known[block] = known.get(block) or known_photographs(campaign, values, t)
-        return known[block]
-
     values, before = dict(best.values), None
     while values != before:  # one threshold may have no effect only where the other has its default
         before = values
         for paths in _parts(best.changed):
             reset = space.settled({**values, **{path: best.default_values[path] for path in paths}})
-            if reset != values and all(photographs(reset, t) == t.record.photographs for t in own):
+            taking = (known_photographs(campaign, reset, t, known) for t in own)
+            if reset != values and all(each == t.record.photographs for each, t in zip(taking, own)):
                 values = reset
     ran = blocks_evaluated(space, trials)[configuration_key(space, values)]
     metadata = {"sampler": campaign.settings.sampler, "phase": "simplified", "region": best.name}
@@ -100,11 +97,18 @@ def _parts(changed: Sequence[str]) -> list[tuple[str, ...]]:
     return [*(tuple(paths) for _, paths in sections), *((path,) for path in changed)]
 
 
-def known_photographs(campaign: Campaign, values: Values, t: Trial) -> str:
+def known_photographs(campaign: Campaign, values: Values, t: Trial, known: dict[Any, str]) -> str:
     """Return the `photographs_key` of values on a trial's block, if it repeats a mission; in a tenth of a second: nothing is computed.
 
-    The text is empty where a model or a photograph of it has never been made here, or where the mission fails.
+    The text is empty where a model or a photograph of it has never been made here, or where the mission fails; only then the mission
+    is asked again. ``known``: what was found before; what is found now is entered.
     """
+    block = (configuration_key(campaign.settings.space, values), t.instance, t.replicate)
+    known[block] = known.get(block) or _photographs(campaign, values, t)
+    return known[block]
+
+
+def _photographs(campaign: Campaign, values: Values, t: Trial) -> str:
     job = campaign.job(t, campaign.settings.problem.config(values, t.condition))
     if job.fidelity not in BUILT_IN:  # a plug-in's missions keep nothing in the store
         return ""
@@ -127,6 +131,7 @@ REFUSED = "configuration_refused"  # the reason of a trial whose values make no 
 # With fewer workers a proposal is made when its worker is free, knowing all that has ended; with as many or more a batch is made
 # for all that are free, and for a `SHARE`th of the workers at least.
 FROM_WORKERS, SHARE = 8, 4
+MAX_BATCH = 256
 
 
 def run_campaign(
@@ -192,7 +197,7 @@ class _Session:
         for _ in range(ROUNDS):  # after one of them another configuration may be the best
             if stop.is_set() or self.cancelled or self._lost:
                 break
-            last = stop.computed(lambda: simplified(self.campaign, self._known) or unflown(self.campaign))
+            last = stop.computed(self._behind_the_search)
             self._last.extend(last or ())
             if not self._last:
                 break
@@ -213,6 +218,9 @@ class _Session:
                 "not counted, and run again by a resume",
             )
         return self._end(*self._search_ended)
+
+    def _behind_the_search(self) -> list[Proposal]:
+        return simplified(self.campaign, self._known) or unflown(self.campaign, self._known)
 
     def _end(self, stopped: Ending, message: str) -> CampaignSummary:
         # Who interrupts waits for the prompt: no recommendation is made.
@@ -287,7 +295,7 @@ class _Session:
         started = time.monotonic()
         if self._last:
             proposal: Proposal | None = self._last.popleft()
-        elif left <= 0 or (not self._proposals and (why := self.campaign.exhausted(trials))):
+        elif left <= 0 or (why := self.campaign.exhausted(trials)):
             self._search_ended = ("budget", "the budget is used") if left <= 0 else ("exhausted", why)
             return None
         else:
@@ -297,7 +305,7 @@ class _Session:
             if not self._proposals:
                 count = 1
                 if in_step is None and self.executor.capacity >= FROM_WORKERS:
-                    count = min(max(free, self.executor.capacity // SHARE), left)
+                    count = min(max(free, self.executor.capacity // SHARE), MAX_BATCH, left)
                 batch = self._stop.computed(lambda: self.campaign.propose(trials, known, count))
                 self._proposals.extend(batch or ())
             proposal = self._proposals.popleft() if self._proposals else None

@@ -176,9 +176,8 @@ class SamplerSettings:
     seed: int
     initial: int  # size of the initial design, the default configuration included
     goal: Goal = field(default_factory=Goal)
-    budget: int | None = (
-        None  # missions of the search; under a constraint sampler gp verifies its favourite near their end
-    )
+    # Missions of the search; under a constraint sampler gp verifies its favourite near their end.
+    budget: int | None = None
     arms: tuple[Proposal, ...] = ()  # missions of the plain plans, which come first; none: one of the default
     earlier: EarlierMissions | None = None  # missions run before the campaign, for sampler gp
     trusted_default: bool = False  # sampler gp: chosen by hand, so its design may stay near it

@@ -185,10 +185,9 @@ class GPSampler:
         number = missions_asked(history, running) - sum(o.repeat for o in history)
         if s.budget is None or constraint is None or number < VERIFICATION_BEGINS * s.budget:
             return None
-        region = problem.answers[-1 - (s.budget - 1 - number) % len(problem.answers)]
         return verification(
             models[0],
-            region,
+            problem.answers[-1],
             history,
             running,
             problem.replicates,

@@ -84,7 +84,7 @@ if __name__ == "__main__":
 @pytest.mark.slow
 def test_kill_9_loses_and_doubles_nothing(tmp_path: Path) -> None:
     directory = tmp_path / "run"
-    campaign = begin_campaign(directory, settings(rocks=("slow-a", "slow-b"), budget=8, replicates=2))
+    campaign = begin_campaign(directory, settings(rocks=("slow-a", "slow-b"), budget=12, replicates=2))
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path), "OMP_NUM_THREADS": "1"}
     command = [sys.executable, "-c", DRIVER, str(directory)]
     with subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, text=True) as process:
@@ -103,14 +103,14 @@ def test_kill_9_loses_and_doubles_nothing(tmp_path: Path) -> None:
     resumed = Campaign.open(directory, campaign.settings)
     before = {t.number: t for t in resumed.trials()}
     finished_before = [n for n, t in before.items() if t.state != "running"]
-    assert 1 <= len(finished_before) < 8
+    assert 1 <= len(finished_before) < 12
     with workers(2) as executor:
         summary = run_campaign(resumed, executor)
-    assert summary.stopped == "budget" and summary.status.complete == 8
+    assert summary.stopped == "budget" and summary.status.complete == summary.status.budget
     after = Campaign.open(directory, read_only=True).trials()
-    assert [t.number for t in after] == list(range(8))
-    blocks = collections.Counter((t.rock, t.replicate) for t in after)
-    assert blocks == dict.fromkeys(itertools.product(("slow-a", "slow-b"), (0, 1)), 2)
+    assert [t.number for t in after] in (list(range(12)), list(range(13)))  # a favourite may fly behind it
+    blocks = collections.Counter((t.rock, t.replicate) for t in after[:12])
+    assert blocks == dict.fromkeys(itertools.product(("slow-a", "slow-b"), (0, 1)), 3)
     for number, t in before.items():
         assert (after[number].values, after[number].rock) == (t.values, t.rock)
     for number in finished_before:  # what was told stays as it was and is not run again
@@ -141,7 +141,8 @@ def test_a_proposal_that_the_configuration_refuses_is_infeasible(sampler, tmp_pa
     assert run_campaign(resumed, InProcessExecutor(), events.append).stopped == "budget"
     refused = [t for t in resumed.trials() if t.state == "failed"]
     assert 1 <= len(refused) < 8 and {t.reason for t in refused} == {"configuration_refused"}
-    assert asked.budget <= len(resumed.trials()) <= asked.budget + 1  # of which they are part
+    behind = sampler == "gp"  # a favourite flies behind the budget
+    assert asked.budget <= len(resumed.trials()) <= asked.budget + behind  # of which they are part
     assert all("theta_low_deg" in t.record.message and "\n" not in t.record.message for t in refused)
     assert not any(t.record.directory.exists() for t in refused)
     assert [e.message for e in events if e.kind == "failed"] == [t.record.message for t in refused]
@@ -241,12 +242,15 @@ def test_a_finished_campaign_is_extended(tmp_path: Path) -> None:
     first = run(tmp_path / "run", budget=6, sampler="gp")
     before = facts(first)
     refused("budget of 6 missions; 6 does not extend", extend_campaign, first, 6)
-    longer = extend_campaign(first, 9)
+    longer = extend_campaign(first, 10)
     assert longer.settings.initial_size() == first.settings.initial_size()
     summary = run_campaign(longer, InProcessExecutor())
-    assert (summary.status.budget, summary.status.complete) == (9, 9)
-    assert facts(longer)[:6] == before and len(longer.trials()) == 9
+    assert (
+        summary.status.budget == summary.status.complete == len(longer.trials())
+        and 10 <= len(longer.trials()) <= 11
+    )
+    assert facts(longer)[:6] == before
     # It is the campaign that anyone finds there, and its file says that it grew.
     assert Campaign.open(tmp_path / "run").status().remaining == 0
     tree = yaml.safe_load((tmp_path / "run" / "campaign.yaml").read_text())
-    assert [(e["from"], e["to"]) for e in tree["extensions"]] == [(6, 9)]
+    assert [(e["from"], e["to"]) for e in tree["extensions"]] == [(6, 10)]
