@@ -49,6 +49,7 @@ def plans(photographs: int) -> dict[str, dict[str, Any]]:
     return {
         CONTROL: orbit(15.0),
         "orbit at 10°": orbit(10.0),
+        "orbit at 20°": orbit(20.0),
         "two rings at 10° and 35°": {**orbit(10.0), **TWO_RINGS},
         HYB_H: from_paper_rings(SEEDS),
         "tuned gate: the same seeds, by *predicted*": from_paper_rings(SEEDS, **tuned),
