@@ -122,7 +122,7 @@ def evaluate(
     Parameters
     ----------
     rocks
-        By default the procedural held-out ones.
+        By default `Campaign.held_out`.
     strategies
         The baselines, by default the command's; at the recommendation's number of photographs, and the default's own plan
         beside them.

@@ -17,7 +17,6 @@ from nbv.config import MissionConfig
 from nbv.safe_files import json_ready, write_atomic
 from tuner.answer.evidence import ROCKS, SHAPES_WORD, Evidence, GateFacts, evidence_of, gate_facts
 from tuner.campaign.campaign import Campaign
-from tuner.campaign.mission_problem import procedural_rocks
 from tuner.comparison.statistics import same_photographs
 from tuner.missions.job import repeated
 from tuner.problem.baselines import (
@@ -305,13 +304,13 @@ def next_step(
         few = f"more targets: {count} held-out target{'s' * (count > 1)} cannot stand for others"
         why = few if targets else "held-out targets: all that counts so far ran where it was tuned"
         return Next(f"Evaluate it on {why}.", f"gatetune evaluate {run}")
-    drawn, leads = {*procedural_rocks("held-out")}, fly.leads if fly else {}
+    drawn, leads = {*campaign.held_out()}, fly.leads if fly else {}
     flown = drawn & {*targets}
     lead = max((gain.mean for name, gain in leads.items() if name in ANSWERS), default=0.0)
     against = (campaign.settings.problem.reference, *([fly.strategy] if fly else []), *BEST_ORBITS)
     if lead >= WORTH_KNOWING and flown and flown != drawn and not drawn & campaign.rocks_seen():
         return Next(
-            f"Evaluate it on {len(drawn)} held-out rocks: they may show whether the lead of {lead:.1f} is a difference.",
+            f"Evaluate it on {len(drawn)} held-out targets: they may show whether the lead of {lead:.1f} is a difference.",
             " --against ".join([f"gatetune evaluate {run} --replicates 1", *dict.fromkeys(against)]),
         )
     return Next("Export what to fly.", f"gatetune export {run}")

@@ -27,6 +27,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from nbv.config import MissionConfig
 from nbv.errors import UserError
+from nbv.rocks.families import HELD_OUT_FROM, generated_name
 from nbv.safe_files import RESULT_BYTES, read_json, read_text, write_atomic
 from tuner.campaign.mission_problem import procedural_rocks, rock_arguments
 from tuner.campaign.settings import CampaignSettings
@@ -313,19 +314,23 @@ class Campaign:
         )
 
     def evaluation_rocks(self, rocks: Sequence[str] | None) -> tuple[str, ...]:
-        """Return the rocks of an evaluation, ``rocks`` or by default the held-out ones.
+        """Return the rocks of an evaluation, ``rocks`` or by default `held_out`.
 
         Raises `UserError`: a rock that the campaign, or one that it learned from, was tuned on; as `rock_arguments`.
         """
-        chosen = tuple(rock_arguments(rocks or procedural_rocks("held-out")))
-        seen = self.rocks_seen()
-        for rock in chosen:
-            if rock in seen:
-                raise UserError(
-                    f"rock {rock!r} was tuned on in {self.directory}, or in a campaign that it learned from; evaluate "
-                    "on rocks that neither has seen"
-                )
+        chosen = tuple(rock_arguments(rocks or self.held_out()))
+        if tuned := [rock for rock in chosen if rock in self.rocks_seen()]:
+            raise UserError(
+                f"rock {tuned[0]!r} was tuned on in {self.directory}, or in a campaign that it learned from; evaluate "
+                "on rocks that neither has seen"
+            )
         return chosen
+
+    def held_out(self) -> list[str]:
+        """Return targets of the kinds that it was tuned on: the catalogue's rocks, three of a family."""
+        kinds = dict.fromkeys(drawn and drawn[0] for drawn in map(generated_name, self.settings.rocks))
+        family = [f"{kind}-{HELD_OUT_FROM + k}" for k in range(3) for kind in kinds if kind]
+        return [*(procedural_rocks("held-out") if None in kinds else ()), *family]
 
     def rocks_seen(self) -> set[str]:
         """Return all rocks that it, or a campaign that it learned from, was tuned on."""
@@ -334,11 +339,8 @@ class Campaign:
 
     def mean_photographs(self, values: Mapping[str, Any]) -> int | None:
         """Return how many photographs missions at ``values`` took, mean rounded up; None where none is known."""
-        numbers = [
-            taken
-            for t in self.trials()
-            if dict(t.values) == dict(values) and (taken := t.costs.get("images")) is not None
-        ]
+        taken = [t.costs.get("images") for t in self.trials() if dict(t.values) == dict(values)]
+        numbers = [number for number in taken if number is not None]
         return math.ceil(sum(numbers) / len(numbers)) if numbers else None
 
     def recommended(self) -> dict[str, Recommendation]:

@@ -18,7 +18,7 @@ Rocks = Annotated[
     list[str] | None,
     typer.Option(
         "--rock",
-        help="Rock or mesh file, repeatable (default: the held-out procedural rocks; for a family its held-out rocks).",
+        help="Rock or mesh file, repeatable (default: the held-out ones of the catalogue; of a family that was tuned on three).",
     ),
 ]
 TunedRocks = Annotated[

@@ -18,7 +18,6 @@ from nbv.viewpoints import seed_viewpoints
 from tuner.answer.answer import answer_of, flight_of, next_step, table_of
 from tuner.answer.evidence import Evidence, evidence_of, kind_of_target
 from tuner.campaign.campaign import Campaign
-from tuner.campaign.mission_problem import procedural_rocks
 from tuner.campaign.settings import CampaignSettings
 from tuner.campaign.settings_file import settings_from_dict
 from tuner.problem.baselines import PAPER_STRATEGIES, ablations, baseline
@@ -178,7 +177,7 @@ def test_what_is_shown_to_be_better_is_flown_and_a_tie_goes_to_the_simplest(camp
     ("lead", "targets", "says"), [(0.4, 3, "export"), (1.5, 3, "evaluate"), (1.5, 99, "export")]
 )
 def test_a_lead_that_is_not_shown_is_worth_more_targets(campaign, lead, targets, says) -> None:
-    drawn = procedural_rocks("held-out")[:targets]
+    drawn = campaign.held_out()[:targets]
     gate = {rock: 85.0 + lead + (5.0, -5.0, 0.0)[k % 3] for k, rock in enumerate(drawn)}
     found = evidence({"orbit-middle": dict.fromkeys(drawn, 85.0), TUNED_GATE: gate})
     advice = flight_of(found, recommendations := campaign.recommendations(save=False), 20)

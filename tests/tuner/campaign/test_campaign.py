@@ -254,3 +254,13 @@ def test_a_finished_campaign_is_extended(tmp_path: Path) -> None:
     assert Campaign.open(tmp_path / "run").status().remaining == 0
     tree = yaml.safe_load((tmp_path / "run" / "campaign.yaml").read_text())
     assert [(e["from"], e["to"]) for e in tree["extensions"]] == [(6, 10)]
+
+
+def test_it_is_evaluated_on_targets_of_the_kinds_that_it_was_tuned_on(tmp_path: Path) -> None:
+    tuned_on = {"shapes": ("part-1", "lever-0", "part-2"), "both": ("slab", "part-1"), "own": ("a",)}
+    kinds = {
+        name: begin_campaign(tmp_path / name, settings(rocks=rocks)).held_out()
+        for name, rocks in tuned_on.items()
+    }
+    assert sorted(kinds["shapes"]) == [f"{kind}-2000{k}" for kind in ("lever", "part") for k in range(3)]
+    assert "arch" in kinds["own"] and kinds["both"] == [*kinds["own"], *(f"part-2000{k}" for k in range(3))]
