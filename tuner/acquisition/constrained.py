@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import torch
 from botorch.acquisition import AcquisitionFunction
-from botorch.acquisition.logei import qLogNoisyExpectedImprovement
+from botorch.acquisition.logei import qLogExpectedImprovement
 from botorch.acquisition.objective import GenericMCObjective
 from botorch.models import ModelListGP
 from botorch.sampling import SobolQMCNormalSampler
@@ -26,7 +26,7 @@ from tuner.acquisition.propose import (
 from tuner.problem.goal import with_second_first
 from tuner.problem.observations import Observation
 from tuner.problem.search_space import Problem, Values
-from tuner.surrogate.fit import numerics, probability_positive, pruned, tensor
+from tuner.surrogate.fit import numerics, probability_positive, tensor
 from tuner.surrogate.model import InstanceMeanGP
 
 _CHUNK = 64
@@ -86,6 +86,11 @@ class Constraint:
         level = model.mean_scale * model.means(unit)
         return (self.at_least - float(np.mean(mean - level))) / model.mean_scale
 
+    def incumbent(self, first: InstanceMeanGP) -> float:
+        """Return the best posterior mean, on the common landscape, of what is taken to meet the constraint, else the worst of all."""
+        means, satisfied = first.means(self.model.evaluated[0]), self.satisfied(self.model.evaluated[1])
+        return float(means[satisfied].max() if any(satisfied) else means.min())
+
     def is_hopeless(self) -> bool:
         """Whether nothing that was run has a chance to meet the constraint, which only missions show."""
         return bool((self.probability(self.model.evaluated[1]) < HOPELESS).all())
@@ -105,10 +110,11 @@ class Constraint:
 def propose_constrained(
     first: InstanceMeanGP, constraint: Constraint, pending: Sequence[Mapping[str, Any]], seed: int
 ) -> tuple[Values, float]:
-    """Return the configuration with the largest noisy expected improvement within the limit, and that improvement.
+    """Return the configuration with the largest expected improvement within the limit, and that improvement.
 
-    The improvement counts by the probability of meeting the constraint (Gardner et al., ICML 2014, in BoTorch's logarithmic
-    form); before anything meets it, the search is for what does, and where nothing comes near, for the least violation.
+    It is over the best that is taken to meet the constraint: over the best of each draw, a search for the fewest photographs goes on
+    below the limit. It counts by the probability of meeting the constraint (Gardner et al., ICML 2014, in BoTorch's logarithmic form)
+    with a mission's noise to spare, so that few missions can show it. Where nothing comes near, the least violation is sought.
     """
     model = first
     running = model.inputs_at(pending) if pending else None
@@ -118,29 +124,23 @@ def propose_constrained(
             model = constraint.model
             acquisition: AcquisitionFunction = noisy_improvement(model, near, running, seed)
         else:
-            floor = constraint.floor()
+            floor = constraint.floor() + math.sqrt(constraint.model.model.likelihood.noise.item())
             objective = GenericMCObjective(lambda samples, X=None: samples[..., 0])
             constraints = [lambda samples: floor - samples[..., 1]]
             models = ModelListGP(first.model, constraint.model.model)
-            evaluated = first.inputs(first.evaluated[0])
-            acquisition = qLogNoisyExpectedImprovement(
+            acquisition = qLogExpectedImprovement(
                 models,
-                X_baseline=pruned(models, evaluated, seed, objective=objective, constraints=constraints),
+                best_f=constraint.incumbent(first),
                 sampler=SobolQMCNormalSampler(torch.Size([MONTE_CARLO_SAMPLES]), seed=seed),
                 objective=objective,
                 constraints=constraints,
                 X_pending=running,
-                prune_baseline=False,
-                cache_root=False,
             )
         position, score = maximise(model, acquisition, seed, near=near)
     return first.space.from_unit(position), math.exp(score) * first.mean_scale
 
 
 # Many proposals at once by Thompson sampling (Thompson, Biometrika 1933; Kandasamy et al., AISTATS 2018).
-#
-# Each is the best configuration of one plausible objective, so that they differ where the model is uncertain. The cost hardly
-# depends on their number.
 
 
 GLOBAL_POINTS, LOCAL_POINTS = 256, 1024

@@ -219,10 +219,10 @@ def numerics() -> Iterator[None]:
             torch.set_num_threads(threads)
 
 
-def pruned(model: Model, inputs: torch.Tensor, seed: int, **options: Any) -> torch.Tensor:
+def pruned(model: Model, inputs: torch.Tensor, seed: int) -> torch.Tensor:
     """Return those of (n, inputs) that may be the best; as BoTorch's, whose sampler takes its seed from the global state."""
     sampler = SobolQMCNormalSampler(torch.Size([PRUNING_SAMPLES]), seed=seed)
-    return prune_inferior_points(model, inputs, sampler=sampler, **options)
+    return prune_inferior_points(model, inputs, sampler=sampler)
 
 
 def tensor(array: Floats | Sequence[Sequence[float]] | Sequence[Floats]) -> torch.Tensor:
