@@ -18,7 +18,7 @@ Rocks = Annotated[
     list[str] | None,
     typer.Option(
         "--rock",
-        help="Rock or mesh file, repeatable (default: the held-out ones of the catalogue; of a family that was tuned on three).",
+        help="Rock or mesh file, repeatable (default: held-out targets of the kinds that were tuned on).",
     ),
 ]
 TunedRocks = Annotated[
