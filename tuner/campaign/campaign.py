@@ -319,7 +319,7 @@ class Campaign:
         Raises `UserError`: a rock that the campaign, or one that it learned from, was tuned on; as `rock_arguments`.
         """
         chosen = tuple(rock_arguments(rocks or self.held_out()))
-        if tuned := [rock for rock in chosen if rock in self.rocks_seen()]:
+        if tuned := sorted(self.rocks_seen().intersection(chosen), key=chosen.index):
             raise UserError(
                 f"rock {tuned[0]!r} was tuned on in {self.directory}, or in a campaign that it learned from; evaluate "
                 "on rocks that neither has seen"
@@ -327,7 +327,7 @@ class Campaign:
         return chosen
 
     def held_out(self) -> list[str]:
-        """Return targets of the kinds that it was tuned on: the catalogue's rocks, three of a family."""
+        """Return held-out targets of the kinds that it was tuned on: the catalogue's rocks, three of each family."""
         kinds = dict.fromkeys(drawn and drawn[0] for drawn in map(generated_name, self.settings.rocks))
         family = [f"{kind}-{HELD_OUT_FROM + k}" for k in range(3) for kind in kinds if kind]
         return [*(procedural_rocks("held-out") if None in kinds else ()), *family]
